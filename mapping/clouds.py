@@ -1,0 +1,71 @@
+"""Point clouds of a map and of what the cameras saw, written by Open3D."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from mapping.grid import OccupancyGrid
+
+# Points closer together than this are merged: SGBM gives no finer detail at these ranges [m].
+VOXEL = 0.03
+
+SYSTEM_LIBRARIES = "libgl1 libegl1 libx11-6 libusb-1.0-0 libgomp1"
+
+
+class Open3DMissingError(RuntimeError):
+    """Open3D cannot be loaded; the message names the system libraries to install."""
+
+
+def import_open3d():
+    """Open3D, imported late (0.6 s).
+
+    Raises Open3DMissingError with the remedy where a system library is missing.
+    """
+    try:
+        import open3d
+    except (ImportError, OSError) as error:
+        raise Open3DMissingError(
+            f"Open3D cannot be loaded ({error}): on Debian or Ubuntu run "
+            f"'apt-get install {SYSTEM_LIBRARIES}'"
+        ) from None
+    return open3d
+
+
+def map_points(grid: OccupancyGrid) -> tuple[np.ndarray, np.ndarray]:
+    """Known cells as points (n, 3) at z = 0 [m] and grey values (n, 3) in 0..1, black = wall."""
+    rows, columns = np.nonzero(~np.isnan(grid.probability))
+    x = grid.origin[0] + (columns + 0.5) * grid.cell
+    y = grid.origin[1] + (rows + 0.5) * grid.cell
+    grey = 1.0 - grid.probability[rows, columns].astype(np.float64)
+    return np.stack([x, y, np.zeros_like(x)], axis=1), np.repeat(grey[:, None], 3, axis=1)
+
+
+def write_ply(path: Path, points: np.ndarray, colours: np.ndarray, voxel: float = 0.0) -> int:
+    """Write points (n, 3) [m] with colours (n, 3) in 0..1 as binary PLY; the number written.
+
+    voxel: merge points within cubes of this side [m]; 0 keeps all.
+    Raises OSError when the file cannot be written.
+    """
+    o3d = import_open3d()
+    cloud = o3d.geometry.PointCloud(
+        o3d.utility.Vector3dVector(np.ascontiguousarray(points, np.float64)),
+    )
+    cloud.colors = o3d.utility.Vector3dVector(np.ascontiguousarray(colours, np.float64))
+    if voxel > 0.0 and len(points):
+        cloud = cloud.voxel_down_sample(voxel)
+    # Open3D refuses to write an empty cloud; an empty PLY is a header alone.
+    if not len(cloud.points):
+        path.write_text(_EMPTY_PLY, encoding="ascii")
+        return 0
+    if not o3d.io.write_point_cloud(str(path), cloud):
+        raise OSError(None, "Open3D could not write the file", str(path))
+    return len(cloud.points)
+
+
+_EMPTY_PLY = (
+    "ply\nformat binary_little_endian 1.0\nelement vertex 0\n"
+    "property double x\nproperty double y\nproperty double z\n"
+    "property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n"
+)

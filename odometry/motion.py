@@ -1,0 +1,72 @@
+"""Motion: a planar pose increment with its covariance, and the algebra of SE(2).
+
+Poses are (x m, y m, theta rad); theta counter-clockwise (REP 103). `compose(a, b)` is the pose
+b, given in the frame of a, seen from the frame of a's parent.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+
+def wrap_angle(angle):
+    """Angle(s) brought into [-pi, pi)."""
+    return (np.asarray(angle) + math.pi) % (2.0 * math.pi) - math.pi
+
+
+def compose(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """a (+) b for poses (..., 3); theta is wrapped."""
+    a, b = np.asarray(a, float), np.asarray(b, float)
+    c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
+    return np.stack(
+        [
+            a[..., 0] + c * b[..., 0] - s * b[..., 1],
+            a[..., 1] + s * b[..., 0] + c * b[..., 1],
+            wrap_angle(a[..., 2] + b[..., 2]),
+        ],
+        axis=-1,
+    )
+
+
+def inverse(a: np.ndarray) -> np.ndarray:
+    """The pose of a's parent in the frame of a, for poses (..., 3)."""
+    a = np.asarray(a, float)
+    c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
+    return np.stack(
+        [
+            -c * a[..., 0] - s * a[..., 1],
+            s * a[..., 0] - c * a[..., 1],
+            wrap_angle(-a[..., 2]),
+        ],
+        axis=-1,
+    )
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Pose increment (3,) in the earlier robot frame, covariance (3, 3) in that same frame.
+
+    The covariance is that of (x, y, theta) of the increment; first and last stamp in ns.
+    """
+
+    increment: np.ndarray
+    covariance: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))
+    first: int = 0
+    last: int = 0
+
+    @staticmethod
+    def none(stamp: int) -> Motion:
+        """No motion at all, known exactly."""
+        return Motion(np.zeros(3), np.zeros((3, 3)), stamp, stamp)
+
+    def then(self, later: Motion) -> Motion:
+        """This motion followed by `later` (first-order propagation, Smith and Cheeseman 1986)."""
+        dx, dy = later.increment[:2]
+        c, s = math.cos(self.increment[2]), math.sin(self.increment[2])
+        J1 = np.array([[1.0, 0.0, -s * dx - c * dy], [0.0, 1.0, c * dx - s * dy], [0.0, 0.0, 1.0]])
+        J2 = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        covariance = J1 @ self.covariance @ J1.T + J2 @ later.covariance @ J2.T
+        return Motion(compose(self.increment, later.increment), covariance, self.first, later.last)

@@ -1,0 +1,129 @@
+"""TickLog: recorded wheel ticks (`odom0/data.csv`), whatever state the file is in.
+
+Lines are `stamp [ns],left [ticks],right [ticks]`, counters as read (wrapping); `#` comments.
+"""
+
+from __future__ import annotations
+
+import re
+from bisect import bisect_left
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from odometry.errors import OdometryError
+
+# A gap is an interval that stands out among the others and is long for a moving robot.
+GAP_INTERVALS = 5.0
+GAP_NS = 200_000_000
+
+_STAMP = re.compile(r"\d{1,19}", re.ASCII)
+_COUNT = re.compile(r"[-+]?\d{1,18}", re.ASCII)
+
+
+@dataclass(frozen=True)
+class TickLog:
+    """stamps: (n,) int64 ns, strictly increasing; left, right: (n,) int64 raw counters.
+
+    skipped: lines left out, counted by reason: `garbled` (not whole numbers), `fields` (not
+    three of them), `backwards` and `repeated` (time).
+    """
+
+    stamps: np.ndarray
+    left: np.ndarray
+    right: np.ndarray
+    skipped: dict[str, int] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.stamps)
+
+    @property
+    def gaps(self) -> np.ndarray:
+        """(m, 2) int64 ns: last stamp before and first stamp after each gap."""
+        index = np.flatnonzero(self.in_gap)
+        return np.stack([self.stamps[index], self.stamps[index + 1]], axis=1)
+
+    @property
+    def in_gap(self) -> np.ndarray:
+        """(n - 1,) which intervals between neighbouring stamps are gaps."""
+        intervals = np.diff(self.stamps)
+        usual = np.median(intervals) if len(intervals) else 0.0
+        return (intervals > GAP_INTERVALS * usual) & (intervals > GAP_NS)
+
+
+def read_tick_log(path: str | Path) -> TickLog:
+    """Read a file of ticks; damaged lines are skipped and counted.
+
+    Raises:
+        OdometryError: the file is missing or unreadable, or fewer than two lines are usable.
+    """
+    try:
+        # A byte that is no text garbles its own line, not the file.
+        text = Path(path).read_text(encoding="utf-8", errors="replace")
+    except FileNotFoundError:
+        raise OdometryError(f"{path}: no such file") from None
+    except OSError as error:
+        raise OdometryError(f"{path}: cannot be read ({error.strerror or error})") from None
+    return parse_tick_log(text, str(path))
+
+
+def parse_tick_log(text: str, source: str) -> TickLog:
+    """As `read_tick_log`, of text already read; `source` is named in errors."""
+    rows, skipped = [], Counter()
+    for line in text.split("\n"):
+        if not line.strip() or line.lstrip().startswith("#"):
+            continue
+        row = _parse_row(line)
+        if isinstance(row, str):
+            skipped[row] += 1
+        else:
+            rows.append(row)
+    kept = _longest_increasing([row[0] for row in rows])
+    stamps = {rows[i][0] for i in kept}
+    left_out = set(range(len(rows))).difference(kept)
+    skipped.update("repeated" if rows[i][0] in stamps else "backwards" for i in left_out)
+    if len(kept) < 2:
+        counts = ", ".join(f"{n} {reason}" for reason, n in sorted(skipped.items())) or "none"
+        raise OdometryError(
+            f"{source}: {len(kept)} usable lines, at least 2 are needed (skipped: {counts}); "
+            "each line must be 'stamp [ns],left [ticks],right [ticks]'"
+        )
+    table = np.array([rows[i] for i in kept], np.int64)
+    return TickLog(table[:, 0], table[:, 1], table[:, 2], dict(sorted(skipped.items())))
+
+
+def _parse_row(line: str) -> tuple[int, int, int] | str:
+    """Stamp, left and right count; or why the line is of no use."""
+    fields = [field.strip() for field in line.split(",")]
+    if len(fields) != 3:
+        return "fields"
+    stamp, left, right = fields
+    if not (_STAMP.fullmatch(stamp) and _COUNT.fullmatch(left) and _COUNT.fullmatch(right)):
+        return "garbled"
+    if int(stamp) >= 2**63:
+        return "garbled"
+    return int(stamp), int(left), int(right)
+
+
+def _longest_increasing(values: list[int]) -> list[int]:
+    """Indices of a longest strictly increasing subsequence (Fredman 1975).
+
+    The fewest lines are given up this way: neither one stamp far ahead nor a clock that was
+    set back takes all that follows with it.
+    """
+    tails: list[int] = []
+    tail_index: list[int] = []
+    before = [-1] * len(values)
+    for i, value in enumerate(values):
+        place = bisect_left(tails, value)
+        before[i] = tail_index[place - 1] if place else -1
+        tails[place : place + 1] = [value]
+        tail_index[place : place + 1] = [i]
+    chain = []
+    i = tail_index[-1] if tail_index else -1
+    while i >= 0:
+        chain.append(i)
+        i = before[i]
+    return chain[::-1]

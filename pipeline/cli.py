@@ -1,0 +1,71 @@
+"""The command line. Heavy libraries are imported inside the commands that need them."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+
+import click
+
+# name -> (module:function in pipeline.commands, what it does). The modules are loaded when asked for: --help stays quick.
+COMMANDS = {
+    "map": ("map:map_command", "Map a recording: image pairs and motion in, map and path out."),
+    "info": ("info:info_command", "Say what a recording holds."),
+    "calibrate": ("calibrate:calibrate", "Calibrate a new camera pair."),
+    "simulate": ("simulate:simulate", "Render a recording with known truth."),
+    "evaluate": ("evaluate:evaluate", "Compare a path or a map with the truth."),
+    "settings": ("settings:settings_command", "List all settings: default, unit, meaning."),
+}
+
+# An error class of one of these packages is a message to the user; any other error is a bug.
+OURS = {"calibration", "stereo", "odometry", "mapping", "pipeline", "simulation"}
+
+
+class _Commands(click.Group):
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in COMMANDS:
+            return None
+        module, _, function = COMMANDS[cmd_name][0].partition(":")
+        return getattr(importlib.import_module(f"pipeline.commands.{module}"), function)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, text) for name, (_, text) in COMMANDS.items()])
+
+
+@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="beemap", message="beemap %(version)s")
+def cli() -> None:
+    """A 2D map and a path from a small stereo camera and two wheel encoders.
+
+    \b
+    beemap simulate office -o REC       a rendered recording to try things on
+    beemap info REC                     what a recording holds
+    beemap map REC -o RUN               map it: RUN/map.png, map.yaml, trajectory.tum, ...
+    beemap evaluate path RUN/trajectory.tum RUN/truth.tum
+    """
+
+
+def main() -> None:
+    """Entry point of `beemap`: user errors are one line on stderr and exit code 2."""
+    try:
+        code = cli.main(standalone_mode=False)
+    except click.ClickException as error:
+        error.show()
+        code = error.exit_code
+    except (click.Abort, KeyboardInterrupt):
+        click.echo("beemap: interrupted", err=True)
+        code = 130
+    except Exception as error:
+        if type(error).__module__.partition(".")[0] not in OURS:
+            raise
+        click.echo(f"beemap: {error}", err=True)
+        code = 2
+    sys.exit(code or 0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,185 @@
+"""`beemap map`: the main job from the command line."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    from calibration.rig import StereoRig
+    from odometry.source import MotionSource
+    from pipeline.recordings.base import Recording
+    from pipeline.run import MapRun
+    from pipeline.settings import Settings
+
+
+@click.command("map")
+@click.argument("recording", type=click.Path(path_type=Path), metavar="INPUT")
+@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="result folder")
+@click.option("--rig", type=click.Path(path_type=Path), help="rig.yaml; wins over the recording's own")
+@click.option(
+    "--motion",
+    default="encoders",
+    show_default=True,
+    help="encoders, poses (the recording's own) or poses:FILE.tum",
+)
+@click.option("--settings", "settings_file", type=click.Path(path_type=Path), help="YAML settings")
+@click.option("--set", "overrides", multiple=True, metavar="STAGE.KEY=VALUE", help="one setting")
+@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True)
+@click.option("--fps", type=click.FloatRange(min=0, min_open=True), help="of plain image folders")
+@click.option("--threads", type=click.IntRange(min=1), help="default: all cores")
+@click.option("--force", is_flag=True, help="replace an existing result folder")
+@click.option("--quiet", is_flag=True, help="no progress, no summary")
+def map_command(
+    recording: Path,
+    output: Path,
+    rig: Path | None,
+    motion: str,
+    settings_file: Path | None,
+    overrides: tuple[str, ...],
+    seed: int,
+    fps: float | None,
+    threads: int | None,
+    force: bool,
+    quiet: bool,
+) -> None:
+    """Map the recording INPUT: image pairs and motion in, a map and a path out.
+
+    INPUT is an EuRoC/ASL folder, a KITTI odometry folder, or a folder with left/ and right/.
+    Ctrl-C ends the run early with the results so far.
+    """
+    from pipeline.folders import check_target, new_folder
+    from pipeline.recordings import open_recording
+    from pipeline.settings import load_settings
+
+    begin = time.perf_counter()
+    settings = load_settings(settings_file, overrides)
+    check_target(output, force)
+    opened = open_recording(recording, fps)
+    warmed = _load_open3d_meanwhile()
+    from pipeline.motion import choose_motion
+    from pipeline.rig import choose_rig
+
+    used_rig, notes = choose_rig(opened, rig)
+    source = choose_motion(motion, opened, used_rig, settings.odometry, seed)
+    threads = threads or os.cpu_count() or 1
+    _use_threads(threads)
+    if not quiet:
+        for note in notes:
+            click.echo(f"note: {note}", err=True)
+    with new_folder(output, force) as folder:
+        run = _run(opened, used_rig, source, settings, seed, threads, quiet)
+        warmed()
+        facts = {
+            "input": str(recording),
+            "format": opened.kind,
+            "seed": seed,
+            "motion": motion,
+            "rig": str(rig) if rig else opened.rig_source,
+            "notes": notes,
+            "threads": threads,
+            "recording": {reason: len(names) for reason, names in opened.skipped.items()},
+            "odometry": source.report(),
+        }
+        run.seconds["total"] = time.perf_counter() - begin
+        from pipeline.results import write_results
+
+        start = time.perf_counter()
+        summary = write_results(folder, run, settings, opened.poses, facts)
+    if not quiet:
+        _print_summary(output, opened, run, summary, time.perf_counter() - start)
+    if run.partial:
+        click.echo(f"beemap: interrupted: {output} holds the results so far", err=True)
+        raise SystemExit(130)
+
+
+def _run(
+    recording: Recording,
+    rig: StereoRig,
+    source: MotionSource,
+    settings: Settings,
+    seed: int,
+    threads: int,
+    quiet: bool,
+) -> MapRun:
+    """Map with a progress bar; the first Ctrl-C asks the run to end, a second one breaks it."""
+    from pipeline.progress import progress_bar
+    from pipeline.run import map_recording
+
+    stop = threading.Event()
+
+    def on_interrupt(signum: int, frame: Any) -> None:
+        if stop.is_set():
+            raise KeyboardInterrupt
+        stop.set()
+
+    previous = signal.signal(signal.SIGINT, on_interrupt)
+    try:
+        with progress_bar("mapping", "pairs", quiet) as progress:
+            return map_recording(
+                recording, rig, source, settings, seed, threads, progress, stop.is_set
+            )
+    finally:
+        signal.signal(signal.SIGINT, previous)
+
+
+def _use_threads(threads: int) -> None:
+    """Share the cores out: OpenCV one (frames run beside each other), numba all."""
+    import cv2
+    import numba
+
+    cv2.setNumThreads(1)
+    # The default layer is not safe beside other threads; on Linux GNU OpenMP is always there.
+    if os.name == "posix" and hasattr(os, "sched_getaffinity"):
+        numba.config.THREADING_LAYER = "omp"
+    numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
+
+
+def _load_open3d_meanwhile():
+    """Import Open3D (0.6 s) in the background; the function returned waits and raises."""
+    from mapping.clouds import import_open3d
+
+    failure: list[BaseException] = []
+
+    def load() -> None:
+        try:
+            import_open3d()
+        except RuntimeError as error:
+            failure.append(error)
+
+    thread = threading.Thread(target=load, daemon=True)
+    thread.start()
+
+    def wait() -> None:
+        thread.join()
+        if failure:
+            raise failure[0]
+
+    return wait
+
+
+def _print_summary(
+    output: Path, recording: Recording, run: MapRun, summary: dict[str, Any], writing: float
+) -> None:
+    counts, seconds = summary["counts"], summary["seconds"]
+    pairs = max(counts.get("pairs used", 0), 1)
+    click.echo(
+        f"{counts.get('pairs used', 0)} pairs, {counts.get('observations', 0)} observations, "
+        f"{summary['local_maps']} local maps, {summary['path_m']:.1f} m of path, "
+        f"{summary['known_m2']:.1f} m2 mapped in {seconds['total'] + writing:.1f} s "
+        f"({1000 * (seconds['total'] + writing) / pairs:.1f} ms a pair)"
+    )
+    for reasons in (recording.skipped, run.skipped):
+        for reason, names in reasons.items():
+            more = f" and {len(names) - 3} more" if len(names) > 3 else ""
+            click.echo(f"skipped: {reason}: {len(names)} ({', '.join(names[:3])}{more})")
+    for key, value in summary["odometry"].items():
+        if value and key.startswith(("ticks_", "tick_gaps", "longest", "poses_skipped")):
+            click.echo(f"odometry: {key.replace('_', ' ')}: {value:g}")
+    click.echo(f"results: {output}{os.sep} (open map.png; map.yaml for ROS, trajectory.tum for evo)")

@@ -1,0 +1,81 @@
+"""The front end of a run: images read and matched ahead of the mapper, in threads."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+from pipeline.recordings.base import DamagedFrameError, PairFiles
+from stereo.errors import StereoError
+from stereo.ranger import StereoRanger
+from stereo.scan import RangeScan
+
+T = TypeVar("T")
+U = TypeVar("U")
+
+
+@dataclass(frozen=True)
+class Observation:
+    """What one pair yields: a scan, or the reason why it yields nothing.
+
+    points (n, 3) m on the robot and colours (n, 3) uint8 RGB: of key frames only.
+    """
+
+    scan: RangeScan | None
+    damage: str = ""
+    points: np.ndarray | None = None
+    colours: np.ndarray | None = None
+    seconds_reading: float = 0.0
+    seconds_stereo: float = 0.0
+
+
+def observe(files: PairFiles, ranger: StereoRanger, key_frame: bool) -> Observation:
+    """Read and range one pair; a damaged one becomes a reason, never an exception."""
+    start = time.perf_counter()
+    try:
+        pair = files.load()
+        read = time.perf_counter()
+        frame = ranger.frame(pair)
+    except (DamagedFrameError, StereoError) as error:
+        return Observation(None, str(error), seconds_reading=time.perf_counter() - start)
+    points, colours = ranger.points(frame, pair.left) if key_frame else (None, None)
+    return Observation(
+        frame.scan,
+        points=points,
+        colours=colours,
+        seconds_reading=read - start,
+        seconds_stereo=time.perf_counter() - read,
+    )
+
+
+def ahead(
+    items: Iterable[T], work: Callable[[T], U], threads: int
+) -> Iterator[tuple[T, U]]:
+    """Each item with `work(item)`, in order, computed up to two items a thread ahead.
+
+    With one thread everything happens in the caller's. When the caller leaves early, work not
+    yet begun is dropped.
+    """
+    if threads <= 1:
+        for item in items:
+            yield item, work(item)
+        return
+    pool = ThreadPoolExecutor(threads, thread_name_prefix="stereo")
+    waiting: deque[tuple[T, Future[U]]] = deque()
+    try:
+        for item in items:
+            waiting.append((item, pool.submit(work, item)))
+            if len(waiting) > 2 * threads:
+                first, future = waiting.popleft()
+                yield first, future.result()
+        while waiting:
+            first, future = waiting.popleft()
+            yield first, future.result()
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)

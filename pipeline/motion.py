@@ -1,0 +1,52 @@
+"""Which motion a recording is mapped with: `--motion`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from calibration.rig import StereoRig
+from odometry.encoders import encoder_parameters
+from odometry.poses import PoseOdometry
+from odometry.settings import OdometrySettings
+from odometry.source import EncoderOdometry, MotionSource
+from pipeline.errors import InputError
+from pipeline.recordings.base import Recording
+from pipeline.trajectory import read_tum
+
+
+def choose_motion(
+    choice: str, recording: Recording, rig: StereoRig, settings: OdometrySettings, seed: int
+) -> MotionSource:
+    """The motion source that `--motion` names.
+
+    Raises:
+        InputError: an unknown choice, or one that the recording does not hold.
+    """
+    kind, colon, file = choice.partition(":")
+    if kind == "encoders" and not colon:
+        return _encoders(recording, rig, settings)
+    if kind == "poses" and colon:
+        poses = read_tum(Path(file))
+        return PoseOdometry(poses.stamps, poses.poses, settings, seed)
+    if kind == "poses":
+        if recording.poses is None:
+            raise InputError(
+                f"{recording.path}: holds no poses: give --motion poses:FILE.tum"
+                + (" or --motion encoders" if recording.ticks else "")
+            )
+        return PoseOdometry(recording.poses.stamps, recording.poses.poses, settings, seed)
+    raise InputError(f"--motion {choice}: unknown (known: encoders, poses, poses:FILE.tum)")
+
+
+def _encoders(
+    recording: Recording, rig: StereoRig, settings: OdometrySettings
+) -> EncoderOdometry:
+    if recording.ticks is None:
+        instead = "--motion poses" if recording.poses is not None else "--motion poses:FILE.tum"
+        raise InputError(f"{recording.path}: holds no wheel ticks (odom0/data.csv): give {instead}")
+    parameters = recording.encoders
+    if "encoders" in rig.sections:
+        parameters = encoder_parameters(rig.sections["encoders"], "rig: encoders")
+    if parameters is None:
+        raise InputError(f"{recording.path}: wheel ticks without odom0/sensor.yaml")
+    return EncoderOdometry(recording.ticks, parameters, settings)

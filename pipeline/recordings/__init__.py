@@ -1,0 +1,29 @@
+"""Recordings: one file per format, recognised from the path."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pipeline.errors import InputError
+from pipeline.recordings.base import Recording
+
+
+def open_recording(path: str | Path, fps: float | None = None) -> Recording:
+    """Open a recording of any known format.
+
+    Raises:
+        InputError: no such folder; unknown format, with what was looked for.
+    """
+    from pipeline.recordings import asl, folders, kitti
+
+    path = Path(path)
+    if not path.exists():
+        raise InputError(f"{path}: no such folder")
+    if asl.recognises(path):
+        return asl.read(path)
+    if kitti.recognises(path):
+        return kitti.read(path)
+    if folders.recognises(path):
+        return folders.read(path, fps)
+    looked = "; ".join(f.LOOKED_FOR for f in (asl, kitti, folders))
+    raise InputError(f"{path}: not a recording I know (looked for {looked})")

@@ -1,0 +1,158 @@
+"""The native format: the EuRoC/ASL folder, with wheel ticks in `odom0`.
+
+mav0/cam0, cam1: data.csv, data/*.png|jpg, sensor.yaml
+mav0/odom0: data.csv (`#timestamp [ns],left [ticks],right [ticks]`), sensor.yaml
+mav0/state_groundtruth_estimate0/data.csv: the truth, where there is one
+
+In a recording with `odom0` the body frame of the `T_BS` matrices is the robot's, so that they
+hold the camera's mount. Without it (as in EuRoC itself) the body is an IMU and says nothing
+about the floor.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calibration.rig import CameraModel, Mount, StereoRig
+from calibration.yamlfile import YamlFileError, read_yaml
+from odometry.encoders import encoder_parameters
+from odometry.tick_log import read_tick_log
+from pipeline.errors import InputError
+from pipeline.recordings.base import Recording, match_pairs
+from pipeline.trajectory import Trajectory
+
+LOOKED_FOR = "mav0/cam0/data.csv (EuRoC/ASL)"
+
+# ASL's names of lens models, and ours.
+DISTORTION = {"radial-tangential": "radtan", "equidistant": "fisheye", "none": "none"}
+
+
+def recognises(path: Path) -> bool:
+    """Whether `path` is an ASL folder, or the `mav0` in it."""
+    return (path / "mav0" / "cam0").is_dir() or (path / "cam0" / "data.csv").is_file()
+
+
+def read(path: Path) -> Recording:
+    """Open the folder. Raises InputError naming what is missing or wrong."""
+    root = path / "mav0" if (path / "mav0").is_dir() else path
+    recording = Recording(path, "EuRoC/ASL folder", [])
+    left, right = (_image_list(root / camera, recording) for camera in ("cam0", "cam1"))
+    recording.pairs = match_pairs(left, right, recording)
+    robot_frame = (root / "odom0" / "data.csv").is_file()
+    if (root / "cam0" / "sensor.yaml").is_file() and (root / "cam1" / "sensor.yaml").is_file():
+        recording.rig = _rig(root, robot_frame)
+        recording.rig_source = "sensor.yaml of both cameras"
+    if robot_frame:
+        recording.ticks = read_tick_log(root / "odom0" / "data.csv")
+        sensor = root / "odom0" / "sensor.yaml"
+        recording.encoders = encoder_parameters(_yaml(sensor), str(sensor))
+    truth = root / "state_groundtruth_estimate0" / "data.csv"
+    if truth.is_file():
+        recording.poses = _truth(truth, recording)
+        recording.poses_source = "state_groundtruth_estimate0"
+    return recording
+
+
+def _image_list(camera: Path, recording: Recording) -> list[tuple[int, Path]]:
+    table = camera / "data.csv"
+    try:
+        lines = table.read_text(encoding="utf-8", errors="replace").splitlines()
+    except FileNotFoundError:
+        raise InputError(f"{table}: missing: a stereo recording needs cam0 and cam1") from None
+    images, broken, missing = [], [], []
+    for number, line in enumerate(lines, start=1):
+        if not line.strip() or line.startswith("#"):
+            continue
+        stamp, _, name = (part.strip() for part in line.partition(","))
+        if not stamp.isdigit() or not name:
+            broken.append(f"{camera.name}/data.csv line {number}")
+        elif not (camera / "data" / name).is_file():
+            missing.append(f"{camera.name}/data/{name}")
+        else:
+            images.append((int(stamp), camera / "data" / name))
+    recording.skip("garbled line in an image list", broken)
+    recording.skip("listed image is missing", missing)
+    if not images:
+        raise InputError(f"{table}: lists no image that exists in {camera / 'data'}")
+    return images
+
+
+def _rig(root: Path, robot_frame: bool) -> StereoRig:
+    sensors = [_yaml(root / camera / "sensor.yaml") for camera in ("cam0", "cam1")]
+    sources = [str(root / camera / "sensor.yaml") for camera in ("cam0", "cam1")]
+    left, right = (_camera(s, source) for s, source in zip(sensors, sources, strict=True))
+    B_left, B_right = (_body_pose(s, source) for s, source in zip(sensors, sources, strict=True))
+    right_from_left = np.linalg.inv(B_right) @ B_left
+    mount = Mount.from_pose(B_left[:3, :3], B_left[:3, 3]) if robot_frame else None
+    width, height = _field(sensors[0], "resolution", 2, sources[0])
+    return StereoRig(
+        (int(width), int(height)),
+        left,
+        right,
+        right_from_left[:3, :3],
+        right_from_left[:3, 3],
+        mount=mount,
+    )
+
+
+def _camera(sensor: dict[str, Any], source: str) -> CameraModel:
+    fx, fy, cx, cy = _field(sensor, "intrinsics", 4, source)
+    name = sensor.get("distortion_model", "none")
+    if name not in DISTORTION:
+        raise InputError(
+            f"{source}: distortion_model '{name}' is not known ({', '.join(sorted(DISTORTION))})"
+        )
+    coefficients = () if name == "none" else _field(sensor, "distortion_coefficients", 4, source)
+    return CameraModel(fx, fy, cx, cy, DISTORTION[name], tuple(coefficients))
+
+
+def _body_pose(sensor: dict[str, Any], source: str) -> np.ndarray:
+    block = sensor.get("T_BS")
+    data = block.get("data") if isinstance(block, dict) else None
+    return np.array(_field({"T_BS.data": data}, "T_BS.data", 16, source)).reshape(4, 4)
+
+
+def _field(sensor: dict[str, Any], name: str, count: int, source: str) -> list[float]:
+    values = sensor.get(name)
+    if (
+        not isinstance(values, list)
+        or len(values) != count
+        or not all(isinstance(v, (int, float)) for v in values)
+    ):
+        raise InputError(f"{source}: {name}: expected {count} numbers, got {values!r}")
+    return [float(v) for v in values]
+
+
+def _yaml(path: Path) -> dict[str, Any]:
+    try:
+        data = read_yaml(path)
+    except YamlFileError as error:
+        raise InputError(str(error)) from None
+    if not isinstance(data, dict):
+        raise InputError(f"{path}: expected named fields, got {type(data).__name__}")
+    return data
+
+
+def _truth(path: Path, recording: Recording) -> Trajectory:
+    """Columns: stamp, position x y z, quaternion w x y z, and more that is not needed."""
+    rows, broken = [], []
+    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
+        if not line.strip() or line.startswith("#"):
+            continue
+        fields = line.split(",")
+        try:
+            rows.append((int(fields[0]), *(float(v) for v in fields[1:8])))
+            if len(rows[-1]) != 8:
+                raise ValueError
+        except ValueError:
+            broken.append(f"line {number}")
+    recording.skip("garbled line in the ground truth", broken)
+    if not rows:
+        raise InputError(f"{path}: holds no pose")
+    stamps = np.array([row[0] for row in rows], np.int64)
+    x, y, _, w, i, j, k = np.array([row[1:] for row in rows]).T
+    yaw = np.arctan2(2.0 * (w * k + i * j), 1.0 - 2.0 * (j * j + k * k))
+    return Trajectory(stamps, np.stack([x, y, yaw], axis=1))

@@ -1,0 +1,144 @@
+"""Recording: what every format is turned into, and what all formats share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pipeline.errors import InputError
+from pipeline.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from calibration.rig import StereoRig
+    from odometry.encoders import EncoderParameters
+    from odometry.tick_log import TickLog
+    from stereo.pair import StereoPair
+
+# Left and right images belong together when their stamps differ by no more than this [ns].
+PAIR_TOLERANCE = 10_000_000
+
+IMAGE_ENDINGS = {".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".tif", ".tiff", ".webp"}
+
+
+class DamagedFrameError(ValueError):
+    """An image that cannot be read; the pair is skipped, counted and named."""
+
+
+@dataclass(frozen=True)
+class PairFiles:
+    """Where one pair lies; stamp of the left image in ns."""
+
+    stamp: int
+    left: Path
+    right: Path
+
+    def load(self) -> StereoPair:
+        """Decode both images.
+
+        Raises DamagedFrameError naming the file.
+        """
+        from stereo.pair import StereoPair
+
+        return StereoPair(self.stamp, read_image(self.left), read_image(self.right))
+
+
+@dataclass
+class Recording:
+    """A recording opened: lists and small tables, no images.
+
+    skipped: names of frames or lines that were passed over, by reason.
+    """
+
+    path: Path
+    kind: str
+    pairs: list[PairFiles]
+    rig: StereoRig | None = None
+    rig_source: str = ""
+    ticks: TickLog | None = None
+    encoders: EncoderParameters | None = None
+    poses: Trajectory | None = None
+    poses_source: str = ""
+    skipped: dict[str, list[str]] = field(default_factory=dict)
+
+    def skip(self, reason: str, names: Iterable[str]) -> None:
+        """Count and name what was passed over."""
+        names = list(names)
+        if names:
+            self.skipped.setdefault(reason, []).extend(names)
+
+
+def read_image(path: Path) -> np.ndarray:
+    """Decode an image: uint8 (H, W), or (H, W, 3) BGR when it is in colour.
+
+    Raises DamagedFrameError when the file is missing, cut short or no image. OpenCV itself
+    returns a half-grey picture for a file that is cut short.
+    """
+    import cv2
+
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise DamagedFrameError(f"{path}: {error.strerror or error}") from None
+    ending = data[-64:]
+    cut = (data.startswith(b"\x89PNG") and b"IEND" not in ending) or (
+        data.startswith(b"\xff\xd8") and b"\xff\xd9" not in ending
+    )
+    image = None if cut or not data else _decode(cv2, data)
+    if image is None:
+        raise DamagedFrameError(f"{path}: {'cut short' if cut else 'not a readable image'}")
+    return image
+
+
+def _decode(cv2, data: bytes) -> np.ndarray | None:
+    try:
+        return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR)
+    except cv2.error:
+        return None
+
+
+def match_pairs(
+    left: list[tuple[int, Path]], right: list[tuple[int, Path]], recording: Recording
+) -> list[PairFiles]:
+    """Pairs of images whose stamps differ by at most PAIR_TOLERANCE, each image used once.
+
+    Images without a partner are counted and named in `recording`.
+    """
+    left, right = sorted(left), sorted(right)
+    pairs, lonely_left, lonely_right = [], [], []
+    i = j = 0
+    while i < len(left) and j < len(right):
+        difference = left[i][0] - right[j][0]
+        if abs(difference) <= PAIR_TOLERANCE:
+            pairs.append(PairFiles(left[i][0], left[i][1], right[j][1]))
+            i, j = i + 1, j + 1
+        elif difference < 0:
+            lonely_left.append(left[i][1].name)
+            i += 1
+        else:
+            lonely_right.append(right[j][1].name)
+            j += 1
+    lonely_left += [path.name for _, path in left[i:]]
+    lonely_right += [path.name for _, path in right[j:]]
+    recording.skip("left image without a right one", lonely_left)
+    recording.skip("right image without a left one", lonely_right)
+    if not pairs:
+        raise InputError(
+            f"{recording.path}: none of {len(left)} left and {len(right)} right images belong "
+            f"together within {PAIR_TOLERANCE / 1e6:.0f} ms: check the stamps of both cameras"
+        )
+    return pairs
+
+
+def image_size(pairs: list[PairFiles]) -> tuple[int, int] | None:
+    """(width, height) of the first left image that can be read."""
+    for pair in pairs:
+        try:
+            height, width = read_image(pair.left).shape[:2]
+        except DamagedFrameError:
+            continue
+        return width, height
+    return None

@@ -1,0 +1,134 @@
+"""The result folder: written whole or not at all, the same bytes for the same run."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import platform
+import resource
+import sys
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from mapping.clouds import VOXEL, map_points, write_ply
+from mapping.grid import OccupancyGrid
+from odometry.motion import compose
+from pipeline.map_files import write_map_server, write_npz
+from pipeline.picture import draw_map
+from pipeline.run import KeyFrame, MapRun
+from pipeline.settings import Settings, as_yaml
+from pipeline.trajectory import Trajectory, write_tum
+
+VERSIONS_OF = (
+    "beemap",
+    "numpy",
+    "scipy",
+    "numba",
+    "opencv-contrib-python-headless",
+    "msgspec",
+)
+
+
+def write_results(
+    folder: Path, run: MapRun, settings: Settings, truth: Trajectory | None, facts: dict[str, Any]
+) -> dict[str, Any]:
+    """Write every result file into `folder`; the content of run.json.
+
+    facts: what the command knows of the run (input, seed, rig, motion).
+    """
+    mapper = run.mapper
+    grid, path = mapper.filter.grid(), mapper.path()
+    write_map_server(folder, grid)
+    write_npz(folder / "map.npz", grid)
+    stamps = np.array(mapper.stamps, np.int64)
+    write_tum(folder / "trajectory.tum", Trajectory(stamps, path))
+    write_tum(folder / "online.tum", Trajectory(stamps, np.array(mapper.online).reshape(-1, 3)))
+    write_tum(folder / "odometry.tum", Trajectory(stamps, np.array(mapper.odometry).reshape(-1, 3)))
+    if truth is not None:
+        write_tum(folder / "truth.tum", truth)
+    _write_picture(folder / "map.png", run, grid, path)
+    write_ply(folder / "map.ply", *map_points(grid))
+    write_ply(folder / "cloud.ply", *_world_points(run.key_frames, path), voxel=VOXEL)
+    (folder / "health.csv").write_text(_health(run), encoding="ascii")
+    (folder / "settings.yaml").write_text(as_yaml(settings), encoding="utf-8")
+    summary = _summary(run, grid, path, facts)
+    (folder / "run.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    return summary
+
+
+def path_length(path: np.ndarray) -> float:
+    """Length [m] of a path (n, 3)."""
+    return float(np.hypot(*np.diff(path[:, :2], axis=0).T).sum()) if len(path) > 1 else 0.0
+
+
+def _write_picture(file: Path, run: MapRun, grid: OccupancyGrid, path: np.ndarray) -> None:
+    caption = (
+        f"{run.counts['pairs used']} pairs, {len(run.mapper.filter.health)} local maps, "
+        f"{path_length(path):.1f} m of path, cells of {grid.cell * 1000:.0f} mm"
+        + (", PARTIAL: the run was interrupted" if run.partial else "")
+    )
+    picture = draw_map(grid, path, run.mapper.filter.poses, caption)
+    encoded, data = cv2.imencode(".png", picture)
+    assert encoded
+    file.write_bytes(data.tobytes())
+
+
+def _world_points(key_frames: list[KeyFrame], path: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """All key frames' points placed along the best path, with colours in 0..1."""
+    points, colours = [np.empty((0, 3))], [np.empty((0, 3))]
+    for frame in key_frames:
+        planar = np.column_stack([frame.points[:, :2], np.zeros(len(frame.points))])
+        xy = compose(path[frame.index], planar)[:, :2]
+        points.append(np.column_stack([xy, frame.points[:, 2]]))
+        colours.append(frame.colours / 255.0)
+    return np.concatenate(points), np.concatenate(colours)
+
+
+def _health(run: MapRun) -> str:
+    table = io.StringIO()
+    writer = csv.writer(table, lineterminator="\n")
+    writer.writerow(
+        "stamp_ns,observations,n_eff,resampled,overlap_cells,matched_share,"
+        "particles_judged,columns_answered,tiles".split(",")
+    )
+    for step in run.mapper.filter.health:
+        writer.writerow(
+            [
+                step.stamp,
+                step.observations,
+                f"{step.n_eff:.3f}",
+                int(step.resampled),
+                step.overlap,
+                f"{step.matched:.4f}",
+                step.judged,
+                f"{step.answered:.4f}",
+                step.tiles,
+            ]
+        )
+    return table.getvalue()
+
+
+def _summary(
+    run: MapRun, grid: OccupancyGrid, path: np.ndarray, facts: dict[str, Any]
+) -> dict[str, Any]:
+    known = ~np.isnan(grid.probability)
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return {
+        **facts,
+        "partial": run.partial,
+        "counts": dict(run.counts),
+        "skipped": run.skipped,
+        "local_maps": len(run.mapper.filter.health),
+        "path_m": round(path_length(path), 3),
+        "known_m2": round(float(known.sum()) * grid.cell**2, 2),
+        "seconds": {stage: round(seconds, 3) for stage, seconds in run.seconds.items()},
+        # ru_maxrss counts kilobytes on Linux, bytes on macOS.
+        "peak_memory_mb": round(peak / (1e6 if sys.platform == "darwin" else 1e3), 1),
+        "versions": {name: version(name) for name in VERSIONS_OF},
+        "python": platform.python_version(),
+    }

@@ -1,0 +1,172 @@
+"""The main job: a recording becomes a map and a path."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from calibration.rig import StereoRig
+from mapping.gate import ObservationGate
+from mapping.mapper import HierarchicalMapper
+from odometry.motion import Motion
+from odometry.source import MotionSource
+from pipeline.errors import InputError
+from pipeline.frontend import Observation, ahead, observe
+from pipeline.recordings.base import DamagedFrameError, PairFiles, Recording, image_size
+from pipeline.settings import Settings
+from stereo.errors import StereoError
+from stereo.ranger import StereoRanger
+
+# A key frame of the point cloud is taken after this travel [m] or turn [rad].
+KEY_FRAME_SPACING = (0.5, math.radians(30.0))
+# Pairs looked at for exchanged images before a run.
+SWAP_SAMPLES = 3
+
+
+@dataclass
+class KeyFrame:
+    """Points (n, 3) on the robot [m] with colours (n, 3), seen at pair number `index`."""
+
+    index: int
+    points: np.ndarray
+    colours: np.ndarray
+
+
+@dataclass
+class MapRun:
+    """All that a run found out; `pipeline.results` writes it down."""
+
+    mapper: HierarchicalMapper
+    key_frames: list[KeyFrame] = field(default_factory=list)
+    counts: Counter[str] = field(default_factory=Counter)
+    skipped: dict[str, list[str]] = field(default_factory=dict)
+    seconds: Counter[str] = field(default_factory=Counter)
+    partial: bool = False
+
+
+@dataclass(frozen=True)
+class Step:
+    """One pair on its way: where it lies, how the robot came there, what is wanted of it."""
+
+    files: PairFiles
+    motion: Motion | None
+    due: bool
+    key_frame: bool
+
+
+def map_recording(
+    recording: Recording,
+    rig: StereoRig,
+    motion: MotionSource,
+    settings: Settings,
+    seed: int = 0,
+    threads: int = 1,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+    interrupted: Callable[[], bool] = lambda: False,
+) -> MapRun:
+    """Map a recording.
+
+    progress(done, total) is called after every pair; when `interrupted()` turns true the run
+    ends with what it has, marked partial.
+
+    Raises:
+        InputError: images and rig do not fit, or no pair can be used.
+        StereoError: the images are exchanged, or the rig makes no stereo.
+    """
+    ranger = StereoRanger(rig, settings.stereo, settings.mapping.max_range)
+    check_images(recording, rig, ranger)
+    mapper = HierarchicalMapper(settings.mapping, seed)
+    run = MapRun(mapper)
+
+    def work(step: Step) -> Observation | None:
+        return observe(step.files, ranger, step.key_frame) if step.due else None
+
+    total = len(recording.pairs)
+    steps = _steps(recording, motion, mapper.gate)
+    for done, (step, seen) in enumerate(ahead(steps, work, threads), start=1):
+        if interrupted():
+            run.partial = True
+            break
+        start = time.perf_counter()
+        _take(step, seen, run)
+        run.seconds["mapping"] += time.perf_counter() - start
+        progress(done, total)
+    if not run.counts["observations"] and not run.partial:
+        raise InputError(f"{recording.path}: none of {total} pairs could be used: {_why(run)}")
+    mapper.finish()
+    return run
+
+
+def _steps(recording: Recording, motion: MotionSource, gate: ObservationGate) -> Iterator[Step]:
+    """Motion is known before the images are looked at: only due pairs are read at all."""
+    key_gate = ObservationGate(*KEY_FRAME_SPACING)
+    since = Motion.none(0)
+    for files in recording.pairs:
+        moved = motion.until(files.stamp)
+        if moved is None:
+            yield Step(files, None, False, False)
+            continue
+        due = gate.step(moved.increment)
+        since = since.then(moved)
+        key_frame = due and key_gate.step(since.increment)
+        if due:
+            since = Motion.none(files.stamp)
+        yield Step(files, moved, due, key_frame)
+
+
+def _take(step: Step, seen: Observation | None, run: MapRun) -> None:
+    if step.motion is None:
+        run.counts["pairs without motion"] += 1
+        run.skipped.setdefault("pair without motion", []).append(str(step.files.stamp))
+        return
+    run.mapper.move(step.motion)
+    run.counts["pairs used"] += 1
+    if seen is None:
+        return
+    run.seconds["reading"] += seen.seconds_reading
+    run.seconds["stereo"] += seen.seconds_stereo
+    if seen.scan is None:
+        run.counts["unreadable pairs"] += 1
+        run.skipped.setdefault("unreadable pair", []).append(seen.damage)
+        return
+    run.counts["observations"] += 1
+    run.mapper.observe(seen.scan)
+    if seen.points is not None and seen.colours is not None:
+        run.key_frames.append(KeyFrame(len(run.mapper.stamps) - 1, seen.points, seen.colours))
+
+
+def _why(run: MapRun) -> str:
+    if run.counts["unreadable pairs"]:
+        return f"{run.counts['unreadable pairs']} unreadable, e.g. " + next(
+            iter(run.skipped["unreadable pair"])
+        )
+    return "the motion source knows nothing about the time of the images (compare the stamps)"
+
+
+def check_images(recording: Recording, rig: StereoRig, ranger: StereoRanger) -> None:
+    """Refuse images that the rig does not fit, or that are exchanged, before any work."""
+    size = image_size(recording.pairs)
+    if size is None:
+        raise InputError(f"{recording.path}: none of {len(recording.pairs)} images can be read")
+    if size != rig.image_size:
+        raise InputError(
+            f"{recording.pairs[0].left}: image is {size[0]}x{size[1]}, the rig is calibrated for "
+            f"{rig.image_size[0]}x{rig.image_size[1]}: give the rig of these cameras with --rig"
+        )
+    indices = np.linspace(0, len(recording.pairs) - 1, SWAP_SAMPLES).astype(int)
+    looks = []
+    for index in sorted(set(indices.tolist())):
+        try:
+            looks.append(ranger.looks_swapped(recording.pairs[index].load()))
+        except (DamagedFrameError, StereoError):
+            continue  # damaged pairs are counted when their turn comes
+    if looks and sum(looks) * 2 > len(looks):
+        raise InputError(
+            f"{recording.path}: left and right images are exchanged (the disparities are "
+            "negative): swap the two folders, or the cameras in the rig"
+        )

@@ -1,0 +1,96 @@
+"""All settings of a run: one typed struct per stage, read from YAML and from --set."""
+
+from __future__ import annotations
+
+import re
+import typing
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from calibration.yamlfile import YamlFileError, dump_yaml, parse_yaml, read_yaml
+from mapping.settings import MappingSettings
+from odometry.settings import OdometrySettings
+from pipeline.errors import InputError
+from stereo.settings import StereoSettings
+
+
+class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Every value that decides the result, beside the input and the seed."""
+
+    stereo: StereoSettings = msgspec.field(default_factory=StereoSettings)
+    odometry: OdometrySettings = msgspec.field(default_factory=OdometrySettings)
+    mapping: MappingSettings = msgspec.field(default_factory=MappingSettings)
+
+
+def load_settings(path: Path | None, overrides: tuple[str, ...] = ()) -> Settings:
+    """Defaults, then the file, then each `stage.key=value` of `overrides`.
+
+    Raises:
+        InputError: an unknown or ill-typed key; names it, where it stands and what is allowed.
+    """
+    data: Any = {}
+    if path is not None:
+        try:
+            data = read_yaml(path) or {}
+        except YamlFileError as error:
+            raise InputError(str(error)) from None
+        check(data, str(path))
+    for override in overrides:
+        where = f"--set {override}"
+        key, equals, text = override.partition("=")
+        stage, dot, name = key.strip().partition(".")
+        if not (equals and dot):
+            raise InputError(f"{where}: write it as stage.key=value (beemap settings lists all)")
+        try:
+            value = parse_yaml(text, where)
+        except YamlFileError as error:
+            raise InputError(str(error)) from None
+        data = {**data, stage: {**(data.get(stage) or {}), name: value}}
+        check(data, where)
+    return check(data, "settings")
+
+
+def check(data: Any, source: str) -> Settings:
+    """`data` as typed settings; an InputError names the key and what is allowed."""
+    stages = typing.get_type_hints(Settings)
+    if not isinstance(data, dict):
+        raise InputError(f"{source}: expected the stages {', '.join(stages)}")
+    for stage, values in data.items():
+        if stage not in stages:
+            raise InputError(f"{source}: unknown stage '{stage}' (known: {', '.join(stages)})")
+        if values is not None and not isinstance(values, dict):
+            raise InputError(f"{source}: {stage}: expected key: value lines, got {values!r}")
+        known = stages[stage].__struct_fields__
+        for key in values or {}:
+            if key not in known:
+                raise InputError(
+                    f"{source}: unknown key '{stage}.{key}' (known: {', '.join(sorted(known))})"
+                )
+    data = {stage: values or {} for stage, values in data.items()}
+    try:
+        return msgspec.convert(data, Settings)
+    except msgspec.ValidationError as error:
+        message, _, place = str(error).partition(" - at ")
+        key = place.strip("`").removeprefix("$.")
+        value: Any = data
+        for part in re.findall(r"\w+", key):
+            value = value[int(part)] if isinstance(value, list) else value.get(part)
+        raise InputError(f"{source}: {key} is {value!r}: {message}") from None
+
+
+def as_yaml(settings: Settings) -> str:
+    """The settings as a file that `load_settings` reads back."""
+    return dump_yaml(msgspec.to_builtins(settings))
+
+
+def described() -> Iterator[tuple[str, Any, str, str]]:
+    """(stage.key, default, unit, meaning) of every setting."""
+    for stage, struct in typing.get_type_hints(Settings).items():
+        hints = typing.get_type_hints(struct, include_extras=True)
+        for field in msgspec.structs.fields(struct):
+            for meta in getattr(hints[field.name], "__metadata__", ()):
+                unit = (meta.extra or {}).get("unit", "")
+                yield f"{stage}.{field.name}", field.default, unit, meta.description or ""
