@@ -59,7 +59,7 @@ def write_ply(path: Path, points: np.ndarray, colours: np.ndarray, voxel: float 
     if not len(cloud.points):
         path.write_text(_EMPTY_PLY, encoding="ascii")
         return 0
-    if not o3d.io.write_point_cloud(str(path), cloud):
+    if not o3d.io.write_point_cloud(path, cloud):
         raise OSError(None, "Open3D could not write the file", str(path))
     return len(cloud.points)
 

@@ -1,6 +1,7 @@
 """Stage 1: ten observations become one robot-centred local map (paper Sec. II).
 
     for each observation:  place it by odometry, classify the cells it sees, eqs (1), (2)
+    then:                  thin what is blurred along the line of sight by the doubt of stereo
 
 False matches do not repeat from place to place: what one observation calls an obstacle, the
 others see through. The map is drawn once, when the window is full, in the latest robot frame.
@@ -14,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mapping.gate import ObservationGate
-from mapping.local_kernels import add_observation
+from mapping.local_kernels import add_observation, thin
 from mapping.sensor_model import CLAMP, SensorModel
 from mapping.settings import MappingSettings
 from odometry.motion import Motion, compose, inverse
@@ -26,12 +27,14 @@ class LocalMap:
     """Occupancy around the robot.
 
     log_odds: (H, W) float32, row 0 = lowest y, NaN where nothing was observed;
+    possible: (H, W) bool, where an obstacle may stand by the doubt of its range, thinned or not;
     origin: (x, y) of the lower-left corner of cell [0, 0] in the robot's latest frame [m];
     motion: of the robot since the local map before; stamp: of the latest observation;
     observations: how many were fused; answered: mean share of bearings with an answer.
     """
 
     log_odds: np.ndarray
+    possible: np.ndarray
     origin: tuple[float, float]
     cell: float
     motion: Motion
@@ -82,9 +85,14 @@ class LocalMapper:
         latest = inverse(motion.increment)
         scans = [scan for _, scan in self._window]
         poses = [compose(latest, pose) for pose, _ in self._window]
-        log_odds, origin = draw(scans, poses, self.settings.cell, self.model)
+        blurred, likely, origin = draw(scans, poses, self.settings.cell, self.model)
+        eye = np.mean(
+            [compose(p, np.array(s.origin)) for p, s in zip(poses, scans, strict=True)], 0
+        )
+        above = self.model.occupied_above
         local = LocalMap(
-            log_odds=log_odds,
+            log_odds=thin(blurred, likely, *origin, self.settings.cell, eye[0], eye[1], above),
+            possible=blurred > above,
             origin=origin,
             cell=self.settings.cell,
             motion=motion,
@@ -99,15 +107,21 @@ class LocalMapper:
 
 def draw(
     scans: list[RangeScan], poses: list[np.ndarray], cell: float, model: SensorModel
-) -> tuple[np.ndarray, tuple[float, float]]:
-    """Fuse scans taken at robot poses (3,) into log-odds (H, W) and the map's origin (x, y)."""
+) -> tuple[np.ndarray, np.ndarray, tuple[float, float]]:
+    """Fuse scans taken at robot poses (3,).
+
+    Returns log-odds (H, W), the density (H, W) [1/m] of an obstacle in each cell, and the origin
+    (x, y) of both.
+    """
     sensors = [compose(pose, np.array(s.origin)) for pose, s in zip(poses, scans, strict=True)]
     low, high = _bounds(scans, sensors, cell)
     shape = tuple(int(n) for n in np.round((high - low) / cell)[::-1])
     grid = np.full(shape, np.nan, np.float32)
+    likely = np.zeros(shape, np.float32)
     for scan, sensor in zip(scans, sensors, strict=True):
         add_observation(
             grid,
+            likely,
             low[0],
             low[1],
             cell,
@@ -120,7 +134,7 @@ def draw(
             model.free_step,
             CLAMP,
         )
-    return grid, (float(low[0]), float(low[1]))
+    return grid, likely, (float(low[0]), float(low[1]))
 
 
 def _bounds(scans: list[RangeScan], sensors: list[np.ndarray], cell: float):

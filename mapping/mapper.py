@@ -1,9 +1,9 @@
 """HierarchicalMapper: both stages and the path, for one pair after another.
 
-    mapper = HierarchicalMapper()
-    for scan, motion in data:
-        pose = mapper.add(scan, motion)
-    grid, path = mapper.finish()
+mapper = HierarchicalMapper()
+for scan, motion in data:
+    pose = mapper.add(scan, motion)
+grid, path = mapper.finish()
 """
 
 from __future__ import annotations

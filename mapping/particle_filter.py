@@ -125,7 +125,14 @@ class ParticleFilter:
         threshold = self.model.occupied_above * STEPS_PER_LOG_ODDS
         maps = self.maps
         return match(
-            maps.tiles, maps.table, maps.corner, self.poses, bits, *local.origin, local.cell, threshold
+            maps.tiles,
+            maps.table,
+            maps.corner,
+            self.poses,
+            bits,
+            *local.origin,
+            local.cell,
+            threshold,
         )
 
     def _update(self, bits: np.ndarray, local: LocalMap) -> None:
@@ -203,12 +210,14 @@ def log_likelihoods(
 
 
 def classify(local: LocalMap, model: SensorModel, tolerance: int) -> np.ndarray:
-    """Bits (H, W) uint8 of each local cell: observed, occupied, free, near an occupied one."""
+    """Bits (H, W) uint8 of each local cell: observed, occupied, free, near a possible obstacle.
+
+    The map is updated where obstacles most likely stand; matching allows for their doubt.
+    """
     L = local.log_odds
-    with np.errstate(invalid="ignore"):
-        occupied = L > model.occupied_above
-        free = L < model.free_below
-    near = maximum_filter(occupied, size=2 * tolerance + 1) if tolerance else occupied
+    occupied = np.greater(L, model.occupied_above)
+    free = np.less(L, model.free_below)
+    near = maximum_filter(local.possible, size=2 * tolerance + 1) if tolerance else local.possible
     return (
         np.where(np.isnan(L), 0, OBSERVED)
         | np.where(occupied, OCCUPIED, 0)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import msgspec
 
 
-def _meta(description: str, unit: str, **limits: float) -> msgspec.Meta:
+def _meta(description: str, unit: str, **limits: Any) -> msgspec.Meta:
     return msgspec.Meta(description=description, extra={"unit": unit}, **limits)
 
 
@@ -20,9 +20,9 @@ class MappingSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         _meta("farthest range used; null: as far as the rig can tell", "m"),
     ] = None
     spacing: Annotated[float, _meta("an observation is due after this travel", "m", ge=0)] = 0.17
-    spacing_angle: Annotated[
-        float, _meta("an observation is due after this turn", "deg", ge=0)
-    ] = 10.0
+    spacing_angle: Annotated[float, _meta("an observation is due after this turn", "deg", ge=0)] = (
+        10.0
+    )
     window: Annotated[int, _meta("observations fused into a local map", "", ge=1)] = 10
     hit: Annotated[
         float, _meta("P(O|E): an obstacle that is there is observed", "", gt=0, lt=1)
@@ -34,13 +34,15 @@ class MappingSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         float, _meta("a cell above this probability is an obstacle", "", gt=0.5, lt=1)
     ] = 0.7
     free: Annotated[float, _meta("a cell below this probability is free", "", gt=0, lt=0.5)] = 0.2
-    particles: Annotated[int, _meta("particles N", "", ge=1)] = 100
+    particles: Annotated[int, _meta("particles N", "", ge=1)] = 300
     match_tolerance: Annotated[
-        int, _meta("an obstacle cell matches within so many cells; the paper: 0", "cells", ge=0, le=5)
+        int,
+        _meta("an obstacle cell matches within this; the paper: 0", "cells", ge=0, le=5),
     ] = 1
     match_weight: Annotated[float, _meta("k of eq (8)", "", ge=0)] = 50.0
     min_overlap: Annotated[
-        int, _meta("with fewer global obstacle cells in view a particle is not judged", "cells", ge=0)
+        int,
+        _meta("with fewer global obstacle cells in view: not judged", "cells", ge=0),
     ] = 50
     resample_below: Annotated[
         float, _meta("resample when N_eff falls below this share of N", "", ge=0, le=1)

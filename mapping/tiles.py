@@ -39,19 +39,24 @@ class TileMaps:
         """Tiles that some particle refers to."""
         return int(np.count_nonzero(self.references))
 
+    @property
+    def _extent(self) -> tuple[int, int]:
+        """Rows and columns of the table."""
+        return len(self.table[0]), len(self.table[0].T)
+
     def cover(self, low: np.ndarray, high: np.ndarray) -> None:
         """Grow the table so that it covers global cells (row, column) from `low` to `high`."""
         first = np.floor_divide(low, TILE)
         last = np.floor_divide(high, TILE) + 1
-        if self.table.shape[1] > 0:
-            shape = np.array(self.table.shape[1:])
+        rows, columns = self._extent
+        if self.table.size:
+            shape = np.array([rows, columns])
             first = np.minimum(first, self.corner)
             last = np.maximum(last, self.corner + shape)
             if (first == self.corner).all() and (last == self.corner + shape).all():
                 return
         table = np.full((len(self.table), *(last - first)), NO_TILE, np.int32)
         row, column = self.corner - first if self.table.size else (0, 0)
-        rows, columns = self.table.shape[1:]
         table[:, row : row + rows, column : column + columns] = self.table
         self.table, self.corner = table, first
 
@@ -71,8 +76,8 @@ class TileMaps:
         self.references[:] = np.bincount(used, minlength=len(self.references))
 
     def log_odds(self, particle: int) -> tuple[np.ndarray, tuple[float, float]]:
-        """One particle's map: log-odds (H, W) float32, NaN unknown, and its corner in cells (x, y)."""
-        rows, columns = self.table.shape[1:]
+        """One particle's map (H, W) float32, NaN unknown, and its corner in cells (x, y)."""
+        rows, columns = self._extent
         values = np.full((rows, TILE, columns, TILE), UNKNOWN, np.int8)
         for row, column in zip(*np.nonzero(self.table[particle] != NO_TILE), strict=True):
             values[row, :, column, :] = self.tiles[self.table[particle, row, column]]

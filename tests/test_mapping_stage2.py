@@ -27,8 +27,12 @@ MODEL = SensorModel.of(MappingSettings())
 
 
 def local_map(log_odds_grid, origin=(0.0, 0.0), cell=0.05, motion=None):
+    L = np.asarray(log_odds_grid, np.float32)
+    with np.errstate(invalid="ignore"):
+        possible = MODEL.occupied_above < L
     return LocalMap(
-        np.asarray(log_odds_grid, np.float32),
+        L,
+        possible,
         origin,
         cell,
         motion or Motion.none(0),
@@ -74,9 +78,7 @@ def test_match_equals_its_numpy_twin():
     rng = np.random.default_rng(3)
     maps, bits, origin = filled_maps(rng, 2), random_bits(rng, (45, 60)), (-1.0, -0.7)
     poses = np.array([[0.31, 0.42, 0.4], [-0.2, 0.1, -2.0]])
-    overlap, matched = match(
-        maps.tiles, maps.table, maps.corner, poses, bits, *origin, 0.05, 20.0
-    )
+    overlap, matched = match(maps.tiles, maps.table, maps.corner, poses, bits, *origin, 0.05, 20.0)
     for k in range(2):
         S = n = 0
         for _, _, i, j, x, y, number in global_cells(maps, k):
@@ -93,7 +95,7 @@ def test_update_equals_its_numpy_twin_and_touches_no_shared_tile():
     maps, bits, origin = filled_maps(rng, 2), random_bits(rng, (45, 60)), (-1.0, -0.7)
     maps.resample(np.array([0, 0]))
     before = [maps.log_odds(k)[0] for k in range(2)]
-    np.testing.assert_array_equal(*before)
+    np.testing.assert_array_equal(before[0], before[1])
     poses = np.array([[0.31, 0.42, 0.4], [-0.2, 0.1, -2.0]])
     needed = touched(maps.table, maps.corner, poses, bits, *origin, 0.05)
     needed[1] = False  # only the first particle writes
@@ -102,9 +104,7 @@ def test_update_equals_its_numpy_twin_and_touches_no_shared_tile():
         for r, c, i, j, _, _, number in global_cells(maps, 0)
     }
     maps.make_writable(needed)
-    update(
-        maps.tiles, maps.table, maps.corner, needed, poses, bits, *origin, 0.05, 40, -16
-    )
+    update(maps.tiles, maps.table, maps.corner, needed, poses, bits, *origin, 0.05, 40, -16)
     for r, c, i, j, x, y, number in global_cells(maps, 0):
         b = looked_up(bits, poses[0], x, y, origin)
         value = int(values[r, c, i, j])
@@ -187,7 +187,7 @@ def test_resampling_always_names_existing_particles_of_weight(weights, offset):
     w = np.array(weights) / sum(weights)
     chosen = systematic_resample(w, offset)
     assert len(chosen) == len(w)
-    assert ((0 <= chosen) & (chosen < len(w))).all()
+    assert ((chosen >= 0) & (chosen < len(w))).all()
     counts = np.bincount(chosen, minlength=len(w))
     assert (np.abs(counts - len(w) * w) < 1 + 1e-6).all()
 
@@ -238,12 +238,17 @@ def test_perfect_odometry_gives_the_exact_path_and_straight_walls():
     assert 200 < occupied.sum() < 1200
 
 
-def test_the_filter_beats_dead_reckoning():
-    mapper, true = drive(MappingSettings(particles=60), 1, (0.01, math.radians(0.6)))
-    _, path = mapper.finish()
-    dead = rmse(np.array(mapper.odometry), true)
-    assert dead > 0.15
-    assert rmse(path, true) < 0.5 * dead
+def test_after_three_laps_the_filter_beats_dead_reckoning():
+    """The first lap's drift goes into the map; what is driven on it again drifts no further."""
+    errors = []
+    for seed in (1, 2, 3):
+        settings_ = MappingSettings(particles=100)
+        mapper, true = drive(settings_, seed, (0.01, math.radians(0.4)), steps=300)
+        _, path = mapper.finish()
+        errors.append((rmse(path, true), rmse(np.array(mapper.odometry), true)))
+    filtered, dead = np.mean(errors, axis=0)
+    assert dead > 0.25
+    assert filtered < 0.6 * dead
 
 
 def test_best_path_ends_where_the_best_particle_is_and_health_is_complete():
@@ -269,7 +274,7 @@ def test_threads_do_not_change_a_byte():
     import numba
 
     results = []
-    for threads in (1, min(2, numba.config.NUMBA_NUM_THREADS)):
+    for threads in (1, numba.get_num_threads()):
         numba.set_num_threads(threads)
         mapper, _ = drive(MappingSettings(particles=10), 4, (0.01, 0.01), steps=60)
         grid, path = mapper.finish()
