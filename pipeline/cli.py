@@ -7,7 +7,8 @@ import sys
 
 import click
 
-# name -> (module:function in pipeline.commands, what it does). The modules are loaded when asked for: --help stays quick.
+# name -> (module:function in pipeline.commands, what it does). A module is loaded when it is
+# asked for: --help stays quick.
 COMMANDS = {
     "map": ("map:map_command", "Map a recording: image pairs and motion in, map and path out."),
     "info": ("info:info_command", "Say what a recording holds."),
@@ -49,20 +50,38 @@ def cli() -> None:
     """
 
 
+def _one_line(message: str) -> str:
+    return " ".join(message.split())
+
+
 def main() -> None:
     """Entry point of `beemap`: user errors are one line on stderr and exit code 2."""
     try:
         code = cli.main(standalone_mode=False)
-    except click.ClickException as error:
+    except click.exceptions.NoArgsIsHelpError as error:
         error.show()
+        code = error.exit_code
+    except click.ClickException as error:
+        context = getattr(error, "ctx", None)
+        remedy = f" (see '{context.command_path} --help')" if context else ""
+        click.echo(f"beemap: {_one_line(error.format_message()).rstrip('.')}{remedy}", err=True)
         code = error.exit_code
     except (click.Abort, KeyboardInterrupt):
         click.echo("beemap: interrupted", err=True)
         code = 130
+    except MemoryError:
+        click.echo("beemap: out of memory: give larger mapping.cell, fewer particles", err=True)
+        code = 2
+    except OSError as error:
+        # A file that the system refuses is the user's to mend; without a name it is a bug.
+        if error.filename is None:
+            raise
+        click.echo(f"beemap: {error.filename}: {error.strerror}", err=True)
+        code = 2
     except Exception as error:
         if type(error).__module__.partition(".")[0] not in OURS:
             raise
-        click.echo(f"beemap: {error}", err=True)
+        click.echo(f"beemap: {_one_line(str(error))}", err=True)
         code = 2
     sys.exit(code or 0)
 

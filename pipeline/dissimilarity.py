@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from pipeline.map_files import MapGrid
+from mapping.grid import OccupancyGrid
 
 UNKNOWN = -1.0
 COST_WHERE_IDEAL_IS_UNKNOWN = 0.1
@@ -48,7 +48,7 @@ class KnownCells:
         return x, y
 
 
-def known_cells(grid: MapGrid) -> KnownCells:
+def known_cells(grid: OccupancyGrid) -> KnownCells:
     """The known cells of a map, row by row; at least one must be known."""
     rows, columns = np.nonzero(~np.isnan(grid.probability))
     x = grid.origin[0] + (columns + 0.5) * grid.cell
@@ -58,7 +58,7 @@ def known_cells(grid: MapGrid) -> KnownCells:
     return KnownCells(x - centre[0], y - centre[1], values, centre)
 
 
-def least_dissimilarity(generated: MapGrid, ideal: MapGrid) -> tuple[float, np.ndarray]:
+def least_dissimilarity(generated: OccupancyGrid, ideal: OccupancyGrid) -> tuple[float, np.ndarray]:
     """E of eq. (9), least over motions of the generated map, and that motion.
 
     The motion (dx m, dy m, turn rad about the mean of the known cells) is searched within
@@ -85,7 +85,7 @@ def least_dissimilarity(generated: MapGrid, ideal: MapGrid) -> tuple[float, np.n
     return min(found, key=lambda cost_and_motion: cost_and_motion[0])
 
 
-def dissimilarities(cells: KnownCells, ideal: MapGrid, motions: np.ndarray) -> np.ndarray:
+def dissimilarities(cells: KnownCells, ideal: OccupancyGrid, motions: np.ndarray) -> np.ndarray:
     """E of eq. (9) for every motion (m, 3): (m,)."""
     t = np.where(np.isnan(ideal.probability), UNKNOWN, ideal.probability).astype(np.float32)
     return _dissimilarities(
@@ -99,7 +99,7 @@ def dissimilarities(cells: KnownCells, ideal: MapGrid, motions: np.ndarray) -> n
 
 
 def _refine(
-    cells: KnownCells, ideal: MapGrid, motion: np.ndarray, width: np.ndarray
+    cells: KnownCells, ideal: OccupancyGrid, motion: np.ndarray, width: np.ndarray
 ) -> tuple[float, np.ndarray]:
     """Best of the 26 neighbours again and again, with halving steps down to `FINEST` of a cell."""
     neighbours = _lattice([1, 1, 1]) / np.array([RANGE_M, RANGE_M, RANGE_RAD])

@@ -13,9 +13,10 @@ from pathlib import Path
 import numpy as np
 from scipy.ndimage import binary_dilation
 
+from mapping.grid import OccupancyGrid
 from pipeline.dissimilarity import known_cells, least_dissimilarity
 from pipeline.errors import InputError
-from pipeline.map_files import MapGrid, read_map
+from pipeline.map_files import read_map
 
 # Above and below these a cell counts as decided (the paper's Sec. III).
 OCCUPIED, FREE = 0.7, 0.2
@@ -58,7 +59,7 @@ def evaluate_map_files(generated: str | Path, ideal: str | Path) -> MapScore:
     return evaluate_map(grids[0], grids[1])
 
 
-def evaluate_map(generated: MapGrid, ideal: MapGrid) -> MapScore:
+def evaluate_map(generated: OccupancyGrid, ideal: OccupancyGrid) -> MapScore:
     """Compare a map with the ideal one; both must know at least one cell."""
     E, motion = least_dissimilarity(generated, ideal)
     cut_generated, cut_ideal = cut(generated), cut(ideal)
@@ -79,14 +80,16 @@ def evaluate_map(generated: MapGrid, ideal: MapGrid) -> MapScore:
     )
 
 
-def cut(grid: MapGrid) -> MapGrid:
+def cut(grid: OccupancyGrid) -> OccupancyGrid:
     """1 above 0.7, 0 below 0.2, unknown between."""
     p = grid.probability
     decided = np.where(p > OCCUPIED, 1.0, np.where(p < FREE, 0.0, np.nan))
     return replace(grid, probability=decided.astype(np.float32))
 
 
-def obstacle_rates(generated: MapGrid, ideal: MapGrid, motion: np.ndarray) -> tuple[float, float]:
+def obstacle_rates(
+    generated: OccupancyGrid, ideal: OccupancyGrid, motion: np.ndarray
+) -> tuple[float, float]:
     """Precision and recall of obstacle cells, after the motion of the generated map.
 
     Precision: generated obstacle cells with an ideal one within one cell (the larger of the
@@ -108,20 +111,20 @@ def obstacle_rates(generated: MapGrid, ideal: MapGrid, motion: np.ndarray) -> tu
     return precision, recall
 
 
-def overlap(generated: MapGrid, ideal: MapGrid, motion: np.ndarray) -> float:
+def overlap(generated: OccupancyGrid, ideal: OccupancyGrid, motion: np.ndarray) -> float:
     """Share of the generated map's known cells that the ideal map knows."""
     x, y = known_cells(generated).moved(motion)
     return _share(_sample(~np.isnan(ideal.probability), ideal, x, y))
 
 
-def _grown(grid: MapGrid, radius: float) -> np.ndarray:
+def _grown(grid: OccupancyGrid, radius: float) -> np.ndarray:
     """(H, W) bool: an obstacle cell within the radius [m], in columns and in rows."""
     reach = max(1, round(radius / grid.cell))
     square = np.ones((2 * reach + 1, 2 * reach + 1), bool)
     return binary_dilation(grid.probability > OBSTACLE, square)
 
 
-def _sample(mask: np.ndarray, grid: MapGrid, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+def _sample(mask: np.ndarray, grid: OccupancyGrid, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Values (n,) of a mask (H, W) of that grid at points [m]; false outside."""
     columns = np.floor((x - grid.origin[0]) / grid.cell).astype(int)
     rows = np.floor((y - grid.origin[1]) / grid.cell).astype(int)

@@ -14,7 +14,7 @@ import numpy as np
 
 from odometry.motion import compose, inverse, wrap_angle
 from pipeline.errors import InputError
-from pipeline.trajectory import Trajectory, read_tum
+from pipeline.trajectory import Trajectory, distance_travelled, read_tum
 
 # The reference answers at a stamp this close to one of its own, or between two of its poses
 # no further apart than LONGEST_INTERVAL_NS.
@@ -88,8 +88,8 @@ def evaluate_path(estimate: Trajectory, reference: Trajectory) -> PathScore:
         relative_translation=_rms(translation),
         relative_rotation=_rms(rotation),
         relative_segments=len(translation),
-        length=float(path_length(found)[-1]),
-        reference_length=float(path_length(true)[-1]),
+        length=float(distance_travelled(found)[-1]),
+        reference_length=float(distance_travelled(true)[-1]),
     )
 
 
@@ -128,18 +128,13 @@ def align(found: np.ndarray, true: np.ndarray) -> np.ndarray:
 
 def relative_errors(found: np.ndarray, true: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Errors (k,) in metres and radians of the motion over each `SEGMENT_M` of true path."""
-    travelled = path_length(true)
+    travelled = distance_travelled(true)
     end = np.searchsorted(travelled, travelled + SEGMENT_M)
     begin = np.flatnonzero(end < len(true))
     end = end[begin]
     motions = [compose(inverse(poses[begin]), poses[end]) for poses in (true, found)]
     error = compose(inverse(motions[0]), motions[1])
     return np.hypot(error[:, 0], error[:, 1]), error[:, 2]
-
-
-def path_length(poses: np.ndarray) -> np.ndarray:
-    """Distance travelled (n,) up to each pose [m]."""
-    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))])
 
 
 def _rms(values: np.ndarray) -> float:

@@ -11,6 +11,11 @@ from pathlib import Path
 
 from pipeline.errors import InputError
 
+# What a folder must hold to be replaced: --force and a slip of the pen must not cost a home.
+REPLACEABLE = ("run.json", "mav0")
+# Less than this is a full disk, for writers that do not say why they failed [bytes].
+FULL = 64 * 1024
+
 
 @contextmanager
 def new_folder(target: str | Path, force: bool = False) -> Iterator[Path]:
@@ -20,30 +25,46 @@ def new_folder(target: str | Path, force: bool = False) -> Iterator[Path]:
     temporary folder is removed and `target` is as it was.
 
     Raises:
-        InputError: `target` exists and `force` is off; it cannot be written; the disk is full.
+        InputError: as `check_target`; or it cannot be written, or the disk is full.
     """
-    target = Path(target)
-    check_target(target, force)
-    partial = target.with_name(f".{target.name}.part-{os.getpid()}")
+    check_target(Path(target), force)
+    # The folder that a link points to is replaced, not the link.
+    place = Path(target).resolve()
+    partial = place.with_name(f".{place.name}.part-{os.getpid()}")
     try:
         partial.mkdir(parents=True)
         yield partial
-        _replace(partial, target)
+        _replace(partial, place)
     except OSError as error:
+        failure = _named(error, Path(target), partial)
         shutil.rmtree(partial, ignore_errors=True)
-        raise _named(error, target) from None
+        raise failure from None
     except BaseException:
         shutil.rmtree(partial, ignore_errors=True)
         raise
 
 
 def check_target(target: Path, force: bool) -> None:
-    """Refuse an existing, non-empty `target` early, before any work is spent on it."""
-    if target.is_dir():
-        if any(target.iterdir()) and not force:
-            raise InputError(f"{target}: already exists: give --force to replace it")
-    elif target.exists():
-        raise InputError(f"{target}: is a file, not a folder: choose another name")
+    """Refuse a `target` early, before any work is spent on it.
+
+    Raises:
+        InputError: it is a file; it is a folder with something in it and `force` is off, or
+            what it holds is neither a result nor a recording of ours.
+    """
+    try:
+        if not target.exists():
+            return
+        if not target.is_dir():
+            raise InputError(f"{target}: is a file, not a folder: choose another name")
+        content = {entry.name for entry in target.iterdir()}
+    except OSError as error:
+        raise InputError(f"{target}: cannot be used ({error.strerror})") from None
+    if content and not force:
+        raise InputError(f"{target}: already exists: give --force to replace it")
+    if content and content.isdisjoint(REPLACEABLE):
+        raise InputError(
+            f"{target}: holds other things than a result: choose another name, or empty it"
+        )
 
 
 def _replace(partial: Path, target: Path) -> None:
@@ -52,15 +73,21 @@ def _replace(partial: Path, target: Path) -> None:
         return
     old = target.with_name(f".{target.name}.old-{os.getpid()}")
     os.rename(target, old)
-    os.rename(partial, target)
+    try:
+        os.rename(partial, target)
+    except BaseException:
+        os.rename(old, target)
+        raise
     shutil.rmtree(old)
 
 
-def _named(error: OSError, target: Path) -> InputError:
-    if error.errno in (errno.ENOSPC, errno.EDQUOT):
+def _named(error: OSError, target: Path, partial: Path) -> InputError:
+    full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+    if error.errno is None and partial.exists():
+        full = shutil.disk_usage(partial).free < FULL
+    if full:
         return InputError(
             f"{target}: no space left on the disk: free some or choose another folder "
             "(nothing of an earlier result was touched)"
         )
-    where = error.filename or target
-    return InputError(f"{where}: cannot be written ({error.strerror or error})")
+    return InputError(f"{target}: cannot be written ({error.strerror or error})")

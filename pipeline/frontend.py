@@ -54,9 +54,7 @@ def observe(files: PairFiles, ranger: StereoRanger, key_frame: bool) -> Observat
     )
 
 
-def ahead(
-    items: Iterable[T], work: Callable[[T], U], threads: int
-) -> Iterator[tuple[T, U]]:
+def ahead(items: Iterable[T], work: Callable[[T], U], threads: int) -> Iterator[tuple[T, U]]:
     """Each item with `work(item)`, in order, computed up to two items a thread ahead.
 
     With one thread everything happens in the caller's. When the caller leaves early, work not

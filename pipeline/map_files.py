@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from calibration.yamlfile import YamlFileError, dump_yaml, read_yaml
+from calibration.yamlfile import dump_yaml
+from mapping.grid import OccupancyGrid
 from pipeline.errors import InputError
+from pipeline.textfiles import read_fields
 
 # map_server's grey values and thresholds. 0.196 and not the usual 0.25: grey 205 is an
 # occupancy of 0.19608, which a larger threshold would turn from unknown into free.
@@ -18,19 +19,7 @@ OCCUPIED_THRESHOLD = 0.65
 FREE_THRESHOLD = 0.196
 
 
-@dataclass(frozen=True)
-class MapGrid:
-    """probability: (H, W) float32 of being occupied, NaN = unknown; row 0 has the lowest y.
-
-    origin: (2,) x, y [m] of the lower-left corner of cell [0, 0]; cell: side [m].
-    """
-
-    probability: np.ndarray
-    origin: np.ndarray
-    cell: float
-
-
-def read_map(path: str | Path) -> MapGrid:
+def read_map(path: str | Path) -> OccupancyGrid:
     """Read `MAP.npz`, a map_server `MAP.yaml`, or the `map.npz` of a result folder.
 
     Raises:
@@ -50,7 +39,7 @@ def read_map(path: str | Path) -> MapGrid:
     raise InputError(f"{path}: unknown kind of map '{path.suffix}': give .npz, .yaml or a folder")
 
 
-def write_npz(path: str | Path, grid: MapGrid) -> None:
+def write_npz(path: str | Path, grid: OccupancyGrid) -> None:
     """Write `map.npz`: probability float32 (H, W), origin (2,), cell; same map, same bytes."""
     np.savez_compressed(
         path,
@@ -60,7 +49,7 @@ def write_npz(path: str | Path, grid: MapGrid) -> None:
     )
 
 
-def write_map_server(folder: str | Path, grid: MapGrid, stem: str = "map") -> None:
+def write_map_server(folder: str | Path, grid: OccupancyGrid, stem: str = "map") -> None:
     """Write `<stem>.pgm` and `<stem>.yaml` for ROS map_server (mode trinary)."""
     folder = Path(folder)
     p = grid.probability
@@ -82,7 +71,7 @@ def write_map_server(folder: str | Path, grid: MapGrid, stem: str = "map") -> No
     (folder / f"{stem}.yaml").write_text(dump_yaml(fields), encoding="utf-8")
 
 
-def _read_npz(path: Path) -> MapGrid:
+def _read_npz(path: Path) -> OccupancyGrid:
     names = ("probability", "origin", "cell")
     try:
         with np.load(path, allow_pickle=False) as data:
@@ -104,16 +93,12 @@ def _read_npz(path: Path) -> MapGrid:
         raise InputError(f"{path}: origin is {origin.tolist()}; give x, y in metres")
     if cell.size != 1 or not cell.item() > 0.0:
         raise InputError(f"{path}: cell is {cell.tolist()}; give the cell's side in metres")
-    return MapGrid(probability.astype(np.float32), origin, cell.item())
+    x, y = origin.tolist()
+    return OccupancyGrid(probability.astype(np.float32), (x, y), cell.item())
 
 
-def _read_map_server(path: Path) -> MapGrid:
-    try:
-        data = read_yaml(path)
-    except YamlFileError as error:
-        raise InputError(str(error)) from None
-    if not isinstance(data, dict):
-        raise InputError(f"{path}: not a map_server file (no fields)")
+def _read_map_server(path: Path) -> OccupancyGrid:
+    data = read_fields(path)
     if data.get("mode", "trinary") != "trinary":
         raise InputError(f"{path}: mode is {data['mode']!r}; only 'trinary' maps can be read")
     cell = _number(data, "resolution", path)
@@ -126,7 +111,7 @@ def _read_map_server(path: Path) -> MapGrid:
     probability = np.full(grey.shape, np.nan, np.float32)
     probability[occupancy > occupied] = 1.0
     probability[occupancy < free] = 0.0
-    return MapGrid(probability[::-1].copy(), _origin(data, path), cell)
+    return OccupancyGrid(probability[::-1].copy(), _origin(data, path), cell)
 
 
 def _read_grey(yaml_path: Path, name: Any) -> np.ndarray:
@@ -148,7 +133,7 @@ def _read_grey(yaml_path: Path, name: Any) -> np.ndarray:
     return grey.astype(float)
 
 
-def _origin(data: dict, path: Path) -> np.ndarray:
+def _origin(data: dict, path: Path) -> tuple[float, float]:
     origin = data.get("origin")
     try:
         x, y, yaw = (float(v) for v in origin)  # type: ignore[union-attr]
@@ -156,7 +141,7 @@ def _origin(data: dict, path: Path) -> np.ndarray:
         raise InputError(f"{path}: origin: {origin!r}; give [x, y, yaw]") from None
     if yaw != 0.0:
         raise InputError(f"{path}: origin: the yaw {yaw} must be 0: turn the image instead")
-    return np.array([x, y])
+    return x, y
 
 
 def _number(data: dict, key: str, path: Path) -> float:

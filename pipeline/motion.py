@@ -25,10 +25,10 @@ def choose_motion(
     kind, colon, file = choice.partition(":")
     if kind == "encoders" and not colon:
         return _encoders(recording, rig, settings)
-    if kind == "poses" and colon:
+    if kind == "poses" and file:
         poses = read_tum(Path(file))
         return PoseOdometry(poses.stamps, poses.poses, settings, seed)
-    if kind == "poses":
+    if choice == "poses":
         if recording.poses is None:
             raise InputError(
                 f"{recording.path}: holds no poses: give --motion poses:FILE.tum"
@@ -38,9 +38,7 @@ def choose_motion(
     raise InputError(f"--motion {choice}: unknown (known: encoders, poses, poses:FILE.tum)")
 
 
-def _encoders(
-    recording: Recording, rig: StereoRig, settings: OdometrySettings
-) -> EncoderOdometry:
+def _encoders(recording: Recording, rig: StereoRig, settings: OdometrySettings) -> EncoderOdometry:
     if recording.ticks is None:
         instead = "--motion poses" if recording.poses is not None else "--motion poses:FILE.tum"
         raise InputError(f"{recording.path}: holds no wheel ticks (odom0/data.csv): give {instead}")

@@ -70,9 +70,8 @@ def _colours(grid: OccupancyGrid) -> np.ndarray:
 
 def _footer(canvas: np.ndarray, metres_per_pixel: float, top: int, caption: str) -> None:
     """Scale bar, legend and caption below the map."""
-    metres = next(
-        m for m in (100, 50, 20, 10, 5, 2, 1, 0.5, 0.2, 0.1) if m / metres_per_pixel <= 320 or m == 0.1
-    )
+    lengths = (100, 50, 20, 10, 5, 2, 1, 0.5, 0.2, 0.1)
+    metres = next((m for m in lengths if m / metres_per_pixel <= 320), lengths[-1])
     length, x, y = round(metres / metres_per_pixel), MARGIN, top + 20
     cv2.rectangle(canvas, (x, y - 4), (x + length, y + 2), INK, -1)
     for end in (x, x + length):

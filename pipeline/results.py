@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import csv
+import errno
 import io
 import json
+import os
 import platform
 import resource
+import shutil
 import sys
 from importlib.metadata import version
 from pathlib import Path
@@ -22,7 +25,7 @@ from pipeline.map_files import write_map_server, write_npz
 from pipeline.picture import draw_map
 from pipeline.run import KeyFrame, MapRun
 from pipeline.settings import Settings, as_yaml
-from pipeline.trajectory import Trajectory, write_tum
+from pipeline.trajectory import Trajectory, distance_travelled, write_tum
 
 VERSIONS_OF = (
     "beemap",
@@ -31,6 +34,21 @@ VERSIONS_OF = (
     "numba",
     "opencv-contrib-python-headless",
     "msgspec",
+)
+
+
+POINT_BYTES = 27  # of a point in a PLY file: three doubles and a colour
+
+HEALTH_COLUMNS = (
+    "stamp_ns",
+    "observations",
+    "n_eff",
+    "resampled",
+    "overlap_cells",
+    "matched_share",
+    "particles_judged",
+    "columns_answered",
+    "tiles",
 )
 
 
@@ -52,8 +70,8 @@ def write_results(
     if truth is not None:
         write_tum(folder / "truth.tum", truth)
     _write_picture(folder / "map.png", run, grid, path)
-    write_ply(folder / "map.ply", *map_points(grid))
-    write_ply(folder / "cloud.ply", *_world_points(run.key_frames, path), voxel=VOXEL)
+    _write_cloud(folder / "map.ply", *map_points(grid))
+    _write_cloud(folder / "cloud.ply", *_world_points(run.key_frames, path), voxel=VOXEL)
     (folder / "health.csv").write_text(_health(run), encoding="ascii")
     (folder / "settings.yaml").write_text(as_yaml(settings), encoding="utf-8")
     summary = _summary(run, grid, path, facts)
@@ -61,21 +79,27 @@ def write_results(
     return summary
 
 
-def path_length(path: np.ndarray) -> float:
-    """Length [m] of a path (n, 3)."""
-    return float(np.hypot(*np.diff(path[:, :2], axis=0).T).sum()) if len(path) > 1 else 0.0
+def _length(path: np.ndarray) -> float:
+    return float(distance_travelled(path)[-1]) if len(path) else 0.0
 
 
 def _write_picture(file: Path, run: MapRun, grid: OccupancyGrid, path: np.ndarray) -> None:
     caption = (
         f"{run.counts['pairs used']} pairs, {len(run.mapper.filter.health)} local maps, "
-        f"{path_length(path):.1f} m of path, cells of {grid.cell * 1000:.0f} mm"
+        f"{_length(path):.1f} m of path, cells of {grid.cell * 1000:.0f} mm"
         + (", PARTIAL: the run was interrupted" if run.partial else "")
     )
     picture = draw_map(grid, path, run.mapper.filter.poses, caption)
     encoded, data = cv2.imencode(".png", picture)
     assert encoded
     file.write_bytes(data.tobytes())
+
+
+def _write_cloud(file: Path, points: np.ndarray, colours: np.ndarray, voxel: float = 0.0) -> None:
+    # Open3D's writer fills stderr with its own complaints on a full disk: look before.
+    if shutil.disk_usage(file.parent).free < POINT_BYTES * len(points):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(file))
+    write_ply(file, points, colours, voxel)
 
 
 def _world_points(key_frames: list[KeyFrame], path: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -92,10 +116,7 @@ def _world_points(key_frames: list[KeyFrame], path: np.ndarray) -> tuple[np.ndar
 def _health(run: MapRun) -> str:
     table = io.StringIO()
     writer = csv.writer(table, lineterminator="\n")
-    writer.writerow(
-        "stamp_ns,observations,n_eff,resampled,overlap_cells,matched_share,"
-        "particles_judged,columns_answered,tiles".split(",")
-    )
+    writer.writerow(HEALTH_COLUMNS)
     for step in run.mapper.filter.health:
         writer.writerow(
             [
@@ -124,7 +145,7 @@ def _summary(
         "counts": dict(run.counts),
         "skipped": run.skipped,
         "local_maps": len(run.mapper.filter.health),
-        "path_m": round(path_length(path), 3),
+        "path_m": round(_length(path), 3),
         "known_m2": round(float(known.sum()) * grid.cell**2, 2),
         "seconds": {stage: round(seconds, 3) for stage, seconds in run.seconds.items()},
         # ru_maxrss counts kilobytes on Linux, bytes on macOS.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import typing
 from collections.abc import Iterator
@@ -64,11 +65,13 @@ def check(data: Any, source: str) -> Settings:
         if values is not None and not isinstance(values, dict):
             raise InputError(f"{source}: {stage}: expected key: value lines, got {values!r}")
         known = stages[stage].__struct_fields__
-        for key in values or {}:
+        for key, value in (values or {}).items():
             if key not in known:
                 raise InputError(
                     f"{source}: unknown key '{stage}.{key}' (known: {', '.join(sorted(known))})"
                 )
+            if _not_finite(value):
+                raise InputError(f"{source}: {stage}.{key} is {value!r}: expected a number")
     data = {stage: values or {} for stage, values in data.items()}
     try:
         return msgspec.convert(data, Settings)
@@ -79,6 +82,13 @@ def check(data: Any, source: str) -> Settings:
         for part in re.findall(r"\w+", key):
             value = value[int(part)] if isinstance(value, list) else value.get(part)
         raise InputError(f"{source}: {key} is {value!r}: {message}") from None
+
+
+def _not_finite(value: Any) -> bool:
+    """Whether nan or inf stands somewhere in it: the limits of the settings let them pass."""
+    if isinstance(value, list):
+        return any(_not_finite(item) for item in value)
+    return isinstance(value, float) and not math.isfinite(value)
 
 
 def as_yaml(settings: Settings) -> str:

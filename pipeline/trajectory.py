@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from pipeline.errors import InputError
+from pipeline.textfiles import read_lines
+
+DECIMAL = re.compile(r"([+-]?)([0-9]{1,18})\.([0-9]+)")
 
 
 @dataclass(frozen=True)
@@ -19,6 +23,11 @@ class Trajectory:
 
     def __len__(self) -> int:
         return len(self.stamps)
+
+
+def distance_travelled(poses: np.ndarray) -> np.ndarray:
+    """Distance (n,) travelled up to each of the poses (n, 3) [m]."""
+    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))])
 
 
 def write_tum(path: Path, trajectory: Trajectory) -> None:
@@ -37,7 +46,7 @@ def read_tum(path: Path) -> Trajectory:
     The heading is the yaw of the quaternion. Raises InputError naming file and line.
     """
     stamps, poses = [], []
-    for number, line in enumerate(_lines(Path(path)), start=1):
+    for number, line in enumerate(read_lines(Path(path)), start=1):
         if not line.strip() or line.startswith("#"):
             continue
         fields = line.replace(",", " ").split()
@@ -62,23 +71,18 @@ def read_tum(path: Path) -> Trajectory:
 def seconds_to_ns(text: str) -> int:
     """Decimal seconds to integer nanoseconds without the rounding of a float.
 
-    Raises ValueError when the text is not a finite number.
+    Raises ValueError when the text is no number, or no time that int64 nanoseconds can hold.
     """
-    whole, point, fraction = text.partition(".")
-    if point and whole.lstrip("+-").isdigit() and fraction.isdigit():
-        nanoseconds = int(fraction[:9].ljust(9, "0"))
-        sign = -1 if whole.startswith("-") else 1
-        return int(whole) * 1_000_000_000 + sign * nanoseconds
-    value = float(text)
-    if not np.isfinite(value):
+    decimal = DECIMAL.fullmatch(text.strip())
+    if decimal:
+        sign, whole, fraction = decimal.groups()
+        nanoseconds = int(whole) * 1_000_000_000 + int(fraction[:9].ljust(9, "0"))
+        nanoseconds = -nanoseconds if sign == "-" else nanoseconds
+    else:
+        value = float(text) * 1e9
+        if not np.isfinite(value):
+            raise ValueError(text)
+        nanoseconds = round(value)
+    if abs(nanoseconds) >= 2**63:
         raise ValueError(text)
-    return round(value * 1e9)
-
-
-def _lines(path: Path) -> list[str]:
-    try:
-        return path.read_text(encoding="utf-8").splitlines()
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read as a TUM path ({error})") from None
+    return nanoseconds

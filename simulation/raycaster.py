@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from mapping.clouds import import_open3d
 from simulation.boxes import Faces
 
 
@@ -11,7 +12,7 @@ class RayCaster:
     """Casts rays against the triangles of `faces`."""
 
     def __init__(self, faces: Faces) -> None:
-        import open3d as o3d
+        o3d = import_open3d()
 
         self._tensor = o3d.core.Tensor.from_numpy
         self._scene = o3d.t.geometry.RaycastingScene()

@@ -46,21 +46,9 @@ class StereoRenderer:
         if rig.mount is None:
             raise RigError("rig: field 'mount' is missing: the renderer must know where it sits")
         self.rig, self.seed = rig, seed
-        faces = scene.faces()
-        self._caster = RayCaster(faces)
-        light = bake(self._caster, faces)
-        self._surface = (
-            faces.origin,
-            faces.u_axis,
-            faces.v_axis,
-            faces.normal,
-            faces.size,
-            faces.material,
-            faces.seed,
-            light.values,
-            light.first,
-            light.shape,
-        )
+        self._faces = scene.faces()
+        self._caster = RayCaster(self._faces)
+        self._light = bake(self._caster, self._faces)
         self._angles = tuple(1.0 / (camera.fx * samples) for camera in (rig.left, rig.right))
         self._directions = tuple(
             pixel_rays(camera, rig.image_size, samples) for camera in (rig.left, rig.right)
@@ -79,7 +67,7 @@ class StereoRenderer:
 
     def _image(self, rays: np.ndarray, angle: float, camera: int, frame: int) -> np.ndarray:
         depth, triangle = self._caster.cast(rays)
-        grey = shade(rays, depth, triangle, *self._surface, angle)
+        grey = shade(rays, depth, triangle, self._faces, self._light, angle)
         chance = np.random.default_rng((self.seed, NOISE_PURPOSE, camera, frame))
         grey += NOISE_SIGMA * chance.standard_normal(len(grey), np.float32)
         width, height = self.rig.image_size

@@ -66,10 +66,7 @@ def scene_from_dict(data: Any, source: str) -> Scene:
     shell = {
         part: _material(room[part], f"{where}.{part}") for part in ("floor", "walls", "ceiling")
     }
-    models = {
-        name: [_box(b, f"{source}: models.{name}[{i}]") for i, b in enumerate(parts)]
-        for name, parts in (top.get("models") or {}).items()
-    }
+    models = _models(top.get("models", {}), f"{source}: models")
     boxes = _shell(size, shell)
     for i, entry in enumerate(_list(top["objects"], f"{source}: objects")):
         boxes += _object(entry, f"{source}: objects[{i}]", models)
@@ -91,6 +88,18 @@ def _shell(size: tuple, material: dict[str, str]) -> list[Box]:
         Box(material["walls"], (-t / 2, width / 2), 0.0, (t, width, height)),
         Box(material["walls"], (length + t / 2, width / 2), 0.0, (t, width, height)),
     ]
+
+
+def _models(data: Any, where: str) -> dict[str, list[Box]]:
+    if not isinstance(data, dict):
+        raise SceneError(f"{where}: expected names with lists of boxes, got {data!r}")
+    return {
+        name: [
+            _box(part, f"{where}.{name}[{i}]")
+            for i, part in enumerate(_list(parts, f"{where}.{name}"))
+        ]
+        for name, parts in data.items()
+    }
 
 
 def _object(entry: Any, where: str, models: dict[str, list[Box]]) -> list[Box]:

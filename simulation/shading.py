@@ -7,78 +7,81 @@ import math
 import numpy as np
 from numba import njit
 
-from simulation.textures import albedo
+from simulation.boxes import Faces
+from simulation.lighting import Lightmap
+from simulation.textures import reflectances
 
 EXPOSURE = 0.66
 GAMMA = 1.9
 STEEPEST = 0.15  # cosine below which the footprint no longer grows
 
 
-@njit(cache=True, nogil=True)
-def light_at(values, first, nv, nu, u, v):
-    """Bilinear light at the fractions u, v (0 to 1) of a face's width and height."""
-    x = min(max(u, 0.0), 1.0) * (nu - 1)
-    y = min(max(v, 0.0), 1.0) * (nv - 1)
-    ix = min(int(x), nu - 2)
-    iy = min(int(y), nv - 2)
-    fx = x - ix
-    fy = y - iy
-    at = first + iy * nu + ix
-    low = values[at] * (1.0 - fx) + values[at + 1] * fx
-    high = values[at + nu] * (1.0 - fx) + values[at + nu + 1] * fx
-    return low * (1.0 - fy) + high * fy
-
-
-@njit(cache=True, nogil=True)
 def shade(
-    rays,
-    depth,
-    triangle,
-    origin,
-    u_axis,
-    v_axis,
-    normal,
-    size,
-    material,
-    seed,
-    light,
-    light_first,
-    light_shape,
-    sample_angle,
-):
-    """Grey levels (n,) float32, 0 to 255, of n pixels with k samples each.
+    rays: np.ndarray,
+    depth: np.ndarray,
+    triangle: np.ndarray,
+    faces: Faces,
+    light: Lightmap,
+    sample_angle: float,
+) -> np.ndarray:
+    """Grey levels (n,) float32, 0 to 255, of n pixels with k samples each; black where no hit.
 
     rays: (n, k, 6) origins and directions; depth: (n, k) ray parameter of the hit, inf if none;
-    triangle: (n, k); then the fields of `Faces` and `Lightmap`; sample_angle: width of a sample
-    as seen from the camera, in units of the ray's direction vector.
+    triangle: (n, k), two to a face; sample_angle: width of a sample as seen from the camera, in
+    units of the ray's direction vector.
     """
-    pixels, samples = depth.shape
-    grey = np.zeros(pixels, np.float32)
-    for i in range(pixels):
-        total = 0.0
-        for k in range(samples):
-            t = depth[i, k]
-            if not math.isfinite(t):
-                continue
-            f = triangle[i, k] // 2
-            u = 0.0
-            v = 0.0
-            cosine = 0.0
-            reach = 0.0
-            for axis in range(3):
-                direction = rays[i, k, 3 + axis]
-                offset = rays[i, k, axis] + t * direction - origin[f, axis]
-                u += offset * u_axis[f, axis]
-                v += offset * v_axis[f, axis]
-                cosine -= direction * normal[f, axis]
-                reach += direction * direction
-            cosine = max(abs(cosine) / math.sqrt(reach), STEEPEST)
-            footprint = t * sample_angle / math.sqrt(cosine)
-            width = size[f, 0]
-            height = size[f, 1]
-            share = light_at(
-                light, light_first[f], light_shape[f, 0], light_shape[f, 1], u / width, v / height
-            )
-            total += share * albedo(material[f], u, v, width, height, footprint, seed[f])
-        grey[i] = 255.0 * min(EXPOSURE * total / samples, 1.0) ** (1.0 / GAMMA)
-    return grey
+    face = np.where(np.isfinite(depth), triangle.astype(np.int64) // 2, -1).ravel()
+    u, v, footprint = footprints(
+        rays.reshape(-1, 6), depth.ravel(), face, faces.origin, faces.u_axis, faces.v_axis,
+        faces.normal, sample_angle,
+    )  # fmt: skip
+    radiance = reflectances(face, u, v, footprint, faces.material, faces.size, faces.seed)
+    radiance *= light_at(face, u, v, faces.size, light.values, light.first, light.shape)
+    mean = EXPOSURE * radiance.reshape(depth.shape).mean(axis=1)
+    return (255.0 * np.minimum(mean, 1.0) ** (1.0 / GAMMA)).astype(np.float32)
+
+
+@njit(cache=True, nogil=True)
+def footprints(rays, depth, face, origin, u_axis, v_axis, normal, sample_angle):
+    """Where n rays land on their faces: u, v and the sample's width there (n,) each [m]."""
+    u = np.zeros(len(face))
+    v = np.zeros(len(face))
+    width = np.zeros(len(face))
+    for i in range(len(face)):
+        f = face[i]
+        if f < 0:
+            continue
+        cosine = 0.0
+        reach = 0.0
+        for axis in range(3):
+            direction = float(rays[i, 3 + axis])
+            offset = rays[i, axis] + depth[i] * direction - origin[f, axis]
+            u[i] += offset * u_axis[f, axis]
+            v[i] += offset * v_axis[f, axis]
+            cosine += direction * normal[f, axis]
+            reach += direction * direction
+        cosine = max(abs(cosine) / math.sqrt(reach), STEEPEST)
+        width[i] = depth[i] * sample_angle / math.sqrt(cosine)
+    return u, v, width
+
+
+@njit(cache=True, nogil=True)
+def light_at(face, u, v, size, values, first, shape):
+    """Light (n,) of a `Lightmap` at n places of its faces, bilinear; 0 where face is -1."""
+    light = np.zeros(len(face))
+    for i in range(len(face)):
+        f = face[i]
+        if f < 0:
+            continue
+        nv, nu = shape[f]
+        x = min(max(u[i] / size[f, 0], 0.0), 1.0) * (nu - 1)
+        y = min(max(v[i] / size[f, 1], 0.0), 1.0) * (nv - 1)
+        ix = min(int(x), nu - 2)
+        iy = min(int(y), nv - 2)
+        fx = x - ix
+        fy = y - iy
+        at = first[f] + iy * nu + ix
+        low = values[at] * (1.0 - fx) + values[at + 1] * fx
+        high = values[at + nu] * (1.0 - fx) + values[at + nu + 1] * fx
+        light[i] = low * (1.0 - fy) + high * fy
+    return light

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 from numba import njit
 
 
@@ -335,3 +336,19 @@ def albedo(material, u, v, width, height, footprint, seed):
     if material == 16:
         return screen(u, v, width, height, footprint, seed)
     return drawers(u, v, width, height, footprint, seed)
+
+
+@njit(cache=True, nogil=True)
+def reflectances(face, u, v, footprint, material, size, seed):
+    """Albedo (n,) of n places on the faces `face` (n,); 0 where face is -1.
+
+    u, v, footprint: (n,) m; material, size (m, 2), seed: those of all m faces.
+    """
+    result = np.zeros(len(face))
+    for i in range(len(face)):
+        f = face[i]
+        if f >= 0:
+            result[i] = albedo(
+                material[f], u[i], v[i], size[f, 0], size[f, 1], footprint[i], seed[f]
+            )
+    return result

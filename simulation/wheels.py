@@ -43,7 +43,7 @@ def wheel_ticks(
     poses = np.asarray(poses, float)
     turn = np.diff(poses[:, 2])
     along = np.hypot(*np.diff(poses[:, :2], axis=0).T) / np.sinc(0.5 * turn / math.pi)
-    chance = np.random.default_rng((seed, TICKS_PURPOSE)).standard_normal((2, len(along)))
+    chance = np.random.default_rng((seed, TICKS_PURPOSE)).standard_normal((len(along), 2)).T
     spread = np.sqrt(along / noise.step)
     along = along + noise.along * spread * chance[0]
     turn = turn + noise.turn * spread * chance[1]

@@ -45,7 +45,7 @@ class DisparityMatcher:
         ]
         disparity = self._matcher().compute(*padded)[:, pad:]
         # A match outside the right image is made of padding, not of anything seen.
-        reach = SUBPIXEL * np.arange(left.shape[1], dtype=np.int16)
+        reach = np.minimum(SUBPIXEL * np.arange(left.shape[1]), np.iinfo(np.int16).max)
         return np.where(disparity > reach, np.int16(-SUBPIXEL), disparity)
 
     def _matcher(self) -> cv2.StereoSGBM:

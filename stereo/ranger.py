@@ -19,10 +19,13 @@ from stereo.rectify import Rectifier
 from stereo.scan import RangeScan
 from stereo.settings import StereoSettings
 
-# A range is of use while its standard deviation stays below this share of it or this length.
-USABLE_SIGMA = 0.20
+# A range is of use while its standard deviation stays below this [m]: two cells of the map.
+USABLE_SIGMA = 0.10
 # Share of pixels that must match with the images exchanged before they are called swapped.
 SWAPPED_SHARE = 0.25
+# And so many times more than as they are: 1.9 to 3 for images exchanged under a rig that is not
+# (its rectification then fits badly), at most 0.45 for images in order.
+SWAPPED_RATIO = 1.5
 
 
 @dataclass(frozen=True)
@@ -37,7 +40,7 @@ class StereoFrame:
 class StereoRanger:
     """Range scans from the raw pairs of one rig.
 
-    max_range: metres; None: where a disparity error of `settings.noise` grows to 0.2 m.
+    max_range: metres; None: where a disparity error of `settings.noise` grows to 0.1 m.
     May be called from several threads at once.
     """
 
@@ -49,6 +52,13 @@ class StereoRanger:
             raise StereoError(
                 f"stereo.disparities is {settings.disparities}: must be a multiple of 16"
             )
+        if settings.disparities is not None and settings.disparities >= rig.image_size[0]:
+            raise StereoError(
+                f"stereo.disparities is {settings.disparities}: must be less than the image's "
+                f"width, {rig.image_size[0]}"
+            )
+        if settings.block % 2 == 0:
+            raise StereoError(f"stereo.block is {settings.block}: must be odd")
         if settings.height_min >= settings.height_max:
             raise StereoError(
                 f"stereo.height_min {settings.height_min} m is not below "
@@ -94,7 +104,7 @@ class StereoRanger:
         straight, exchanged = (
             float(np.mean(self.match(a, b) > 0)) for a, b in ((left, right), (right, left))
         )
-        return exchanged > SWAPPED_SHARE and exchanged > 2.0 * straight
+        return exchanged > SWAPPED_SHARE and exchanged > SWAPPED_RATIO * straight
 
     def points(
         self, frame: StereoFrame, raw_left: np.ndarray, step: int = 4
@@ -107,7 +117,7 @@ class StereoRanger:
         v, u = np.nonzero(frame.disparity[::step, ::step] > 0)
         u, v = u * step, v * step
         Z = camera.depth_factor * SUBPIXEL / frame.disparity[v, u]
-        near = Z <= self.max_range
+        near = self.max_range >= Z
         u, v, Z = u[near], v[near], Z[near]
         optical = np.stack([(u - camera.cx) * Z, (v - camera.cy) * Z, camera.f * Z], axis=1)
         points = optical / camera.f @ camera.rotation.T + camera.position
@@ -118,5 +128,5 @@ class StereoRanger:
 
 
 def usable_range(depth_factor: float, noise: float) -> float:
-    """Distance [m] at which sigma_z = z^2 noise / (f B) reaches 0.2 m."""
+    """Distance [m] at which sigma_z = z^2 noise / (f B) reaches 0.1 m."""
     return math.sqrt(USABLE_SIGMA * depth_factor / noise)

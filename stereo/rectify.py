@@ -20,6 +20,10 @@ from stereo.errors import StereoError
 BAND_MARGIN = 12
 
 
+# How far, as a cosine, the baseline may lean out of the image rows and out of the floor plane.
+LEAST_SIDEWAYS = 0.5
+
+
 @dataclass(frozen=True)
 class RectifiedCamera:
     """Geometry of the rectified left camera: lengths in pixels and metres.
@@ -82,7 +86,7 @@ class Rectifier:
         self._cut_only = (
             rig.rectified
             and np.allclose(left_from_raw, np.eye(3), atol=1e-9)
-            and 0 <= top
+            and top >= 0
             and bottom <= height
         )
         if not self._cut_only:
@@ -121,13 +125,23 @@ class Rectifier:
 def _rectifying_rotations(rig: StereoRig, mount: Mount) -> tuple[np.ndarray, np.ndarray]:
     """Rotations from each raw camera's axes to the rectified axes."""
     x = -rig.R.T @ rig.T / np.linalg.norm(rig.T)
-    if x[0] < 0:
+    if x[0] < -LEAST_SIDEWAYS:
         raise StereoError(
             "the rig's right camera lies to the left of its left camera (T has a positive x): "
             "exchange the left and right images and calibrate again"
         )
+    if x[0] < LEAST_SIDEWAYS:
+        raise StereoError(
+            f"the rig's cameras do not stand side by side (T is {np.round(rig.T, 4).tolist()} m): "
+            "check T, or mount them beside each other"
+        )
     down = -mount.rotation.T @ np.array([0.0, 0.0, 1.0])
     y = down - (down @ x) * x
+    if np.linalg.norm(y) < LEAST_SIDEWAYS:
+        raise StereoError(
+            "the rig's baseline stands upright on the robot: columns of the image are then no "
+            "bearings: check the mount's roll (degrees)"
+        )
     y /= np.linalg.norm(y)
     left_from_raw = np.stack([x, y, np.cross(x, y)])
     return left_from_raw, left_from_raw @ rig.R.T
@@ -147,9 +161,7 @@ def _border_rays(camera: CameraModel, size: tuple[int, int]) -> np.ndarray:
         ]
     ).astype(np.float64)[:, None, :]
     undistort = (
-        cv2.fisheye.undistortPoints
-        if camera.distortion_model == "fisheye"
-        else cv2.undistortPoints
+        cv2.fisheye.undistortPoints if camera.distortion_model == "fisheye" else cv2.undistortPoints
     )
     flat = np.asarray(undistort(border, camera.K, camera.D)).reshape(-1, 2)
     return np.column_stack([flat, np.ones(len(flat))])
@@ -179,7 +191,8 @@ def _band_rows(
     rays: tuple[np.ndarray, np.ndarray],
 ) -> tuple[int, int]:
     """First and one past the last row that both show something and can hold obstacles."""
-    seen = np.concatenate([r[:-1, 1] / r[:-1, 2] for r in rays if (r[:, 2] > 0.05).all()] or [[0]])
+    ahead = np.concatenate([r[r[:, 2] > 0.05] for r in rays])
+    seen = ahead[:, 1] / ahead[:, 2] if len(ahead) else np.zeros(1)
     slopes = (camera_height - np.array(heights)) / nearest  # of the band's edges, y down
     top = max(float(seen.min()), min(float(slopes[1]), 0.0))
     bottom = min(float(seen.max()), max(float(slopes[0]), 0.0))
@@ -202,5 +215,3 @@ def _maps(camera: CameraModel, R: np.ndarray, P: np.ndarray, size: tuple[int, in
 
 def _grey(image: np.ndarray) -> np.ndarray:
     return image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
-
-

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import msgspec
 
 
-def _meta(description: str, unit: str, **limits: float) -> msgspec.Meta:
+def _meta(description: str, unit: str, **limits: Any) -> msgspec.Meta:
     return msgspec.Meta(description=description, extra={"unit": unit}, **limits)
 
 
@@ -16,7 +16,9 @@ class StereoSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     disparities: Annotated[
         Annotated[int, msgspec.Meta(ge=16)] | None,
-        _meta("disparities searched, a multiple of 16; null: from the rig, near obstacles kept", "px"),
+        _meta(
+            "disparities searched, a multiple of 16; null: from the rig, near obstacles kept", "px"
+        ),
     ] = None
     block: Annotated[int, _meta("side of the matched block, odd", "px", ge=1, le=11)] = 5
     uniqueness: Annotated[
@@ -27,13 +29,13 @@ class StereoSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ] = 60
     support: Annotated[
         int,
-        _meta("pixels that must agree on the nearest obstacle; 1: the paper's nearest", "pixels", ge=1),
+        _meta(
+            "pixels that must agree on the nearest obstacle; 1: the paper's nearest", "pixels", ge=1
+        ),
     ] = 8
     height_min: Annotated[float, _meta("lower things are floor", "m")] = 0.10
     height_max: Annotated[float, _meta("higher things do not stop the robot", "m")] = 1.20
     tilt_sigma: Annotated[
         float, _meta("doubt of the mount's pitch; lifts height_min with distance", "deg", ge=0)
     ] = 0.5
-    noise: Annotated[
-        float, _meta("standard deviation of a matched disparity", "px", gt=0)
-    ] = 0.25
+    noise: Annotated[float, _meta("standard deviation of a matched disparity", "px", gt=0)] = 0.25

@@ -9,21 +9,22 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from mapping.grid import OccupancyGrid
 from pipeline.commands.evaluate import evaluate
 from pipeline.dissimilarity import KnownCells, dissimilarities, known_cells, least_dissimilarity
 from pipeline.errors import InputError
 from pipeline.evaluate_map import cut, evaluate_map, obstacle_rates
-from pipeline.map_files import MapGrid, read_map, write_map_server, write_npz
+from pipeline.map_files import read_map, write_map_server, write_npz
 
 NAN = math.nan
 STILL = np.zeros(3)
 
 
-def grid(rows, origin=(0.0, 0.0), cell=0.05) -> MapGrid:
-    return MapGrid(np.array(rows, np.float32), np.array(origin), cell)
+def grid(rows, origin=(0.0, 0.0), cell=0.05) -> OccupancyGrid:
+    return OccupancyGrid(np.array(rows, np.float32), origin, cell)
 
 
-def room(cell: float, motion=(0.0, 0.0, 0.0), size: float = 8.0) -> MapGrid:
+def room(cell: float, motion=(0.0, 0.0, 0.0), size: float = 8.0) -> OccupancyGrid:
     """A room of 6 x 5 m with a pillar and a wall, as seen in a frame moved by `motion`."""
     n = round(size / cell)
     centres = -size / 2 + (np.arange(n) + 0.5) * cell
@@ -34,10 +35,10 @@ def room(cell: float, motion=(0.0, 0.0, 0.0), size: float = 8.0) -> MapGrid:
     wall |= np.hypot(x - 1.5, y - 1.0) < 0.3
     wall |= (np.abs(x + 1.0) < 0.05) & (y > 0.0)
     p = np.where((np.abs(x) > 3.0) | (np.abs(y) > 2.5), NAN, wall)
-    return MapGrid(p.astype(np.float32), np.array([-size / 2, -size / 2]), cell)
+    return OccupancyGrid(p.astype(np.float32), (-size / 2, -size / 2), cell)
 
 
-def dissimilarity_twin(cells: KnownCells, ideal: MapGrid, motion: np.ndarray) -> float:
+def dissimilarity_twin(cells: KnownCells, ideal: OccupancyGrid, motion: np.ndarray) -> float:
     """Eqs. (9), (10) in plain numpy."""
     x, y = cells.moved(motion)
     column = np.floor((x - ideal.origin[0]) / ideal.cell).astype(int)

@@ -11,12 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from mapping.grid import OccupancyGrid
 from pipeline.errors import InputError
-from pipeline.map_files import MapGrid, read_map, write_map_server, write_npz
+from pipeline.map_files import read_map, write_map_server, write_npz
 
 NAN = math.nan
 ROWS = [[0.0, 0.1, 0.19], [0.196, 0.5, 0.65], [0.66, 1.0, NAN]]
-SMALL = MapGrid(np.array(ROWS, np.float32), np.array([-1.25, 0.5]), 0.05)
+SMALL = OccupancyGrid(np.array(ROWS, np.float32), (-1.25, 0.5), 0.05)
 
 cells = st.one_of(st.just(NAN), st.floats(0.0, 1.0, width=32))
 maps = arrays(np.float32, st.tuples(st.integers(1, 8), st.integers(1, 8)), elements=cells)
@@ -25,11 +26,11 @@ maps = arrays(np.float32, st.tuples(st.integers(1, 8), st.integers(1, 8)), eleme
 @given(maps)
 def test_npz_round_trip(tmp_path_factory, probability):
     path = tmp_path_factory.getbasetemp() / "round.npz"
-    write_npz(path, MapGrid(probability, np.array([0.1, -2.0]), 0.05))
+    write_npz(path, OccupancyGrid(probability, (0.1, -2.0), 0.05))
     grid = read_map(path)
     assert np.array_equal(grid.probability, probability, equal_nan=True)
     assert grid.probability.dtype == np.float32
-    assert grid.origin.tolist() == [0.1, -2.0]
+    assert grid.origin == (0.1, -2.0)
     assert grid.cell == 0.05
 
 
@@ -37,13 +38,13 @@ def test_npz_round_trip(tmp_path_factory, probability):
 @given(maps)
 def test_map_server_round_trip_keeps_the_three_classes(tmp_path_factory, probability):
     folder = tmp_path_factory.getbasetemp()
-    write_map_server(folder, MapGrid(probability, np.array([0.1, -2.0]), 0.05), "round")
+    write_map_server(folder, OccupancyGrid(probability, (0.1, -2.0), 0.05), "round")
     grid = read_map(folder / "round.yaml")
     expected = np.full(probability.shape, NAN)
     expected[probability > 0.65] = 1.0
     expected[probability < 0.196] = 0.0
     assert np.array_equal(grid.probability, expected, equal_nan=True)
-    assert grid.origin.tolist() == [0.1, -2.0]
+    assert grid.origin == (0.1, -2.0)
     assert grid.cell == 0.05
 
 

@@ -17,9 +17,9 @@ from odometry.encoders import encoder_parameters
 from odometry.tick_log import read_tick_log
 from pipeline.commands.simulate import simulate
 from pipeline.errors import InputError
+from pipeline.map_files import write_map_server
 from pipeline.recordings import asl
 from pipeline.recordings.asl_writer import AslWriter, ImageFormat, camera_sheets
-from pipeline.recordings.map_server import write_map_server
 from simulation.drive import drive
 from simulation.renderer import StereoRenderer
 from simulation.rigs import bent_minibee
@@ -110,6 +110,7 @@ def test_depth_is_in_millimetres(recording):
     depth = cv2.imread(
         str(recording / "mav0" / "depth0" / "data" / "1000000000000.png"), cv2.IMREAD_UNCHANGED
     )
+    assert depth is not None
     assert depth.dtype == np.uint16
     # The east wall, 4.9 m ahead of a camera that looks 4 degrees down.
     above = 0.42 + 4.9 * math.tan(math.radians(16.0))
@@ -130,6 +131,7 @@ def test_same_command_same_bytes(recording, scene_file, tmp_path):
 
 
 def test_an_existing_folder_is_refused_without_force(scene_file, tmp_path):
+    (tmp_path / "mav0").mkdir()
     (tmp_path / "kept").write_text("mine")
     arguments = ("-o", str(tmp_path), "--scene", str(scene_file), "--duration", "0")
     with pytest.raises(InputError, match="--force"):
@@ -172,8 +174,9 @@ def test_a_lens_the_layout_cannot_hold_is_refused():
 
 def test_maps_are_written_for_map_server(tmp_path):
     probability = np.array([[0.0, 1.0, np.nan], [1.0, 0.0, 0.0]], np.float32)
-    write_map_server(tmp_path / "plan", OccupancyGrid(probability, (-1.0, 2.0), 0.05))
+    write_map_server(tmp_path, OccupancyGrid(probability, (-1.0, 2.0), 0.05), "plan")
     image = cv2.imread(str(tmp_path / "plan.pgm"), cv2.IMREAD_UNCHANGED)
+    assert image is not None
     assert image.tolist() == [[0, 254, 254], [254, 0, 205]]  # the top row is the highest y
     assert read_yaml(tmp_path / "plan.yaml") == {
         "image": "plan.pgm", "mode": "trinary", "resolution": 0.05, "origin": [-1.0, 2.0, 0.0],

@@ -22,6 +22,7 @@ GAP = 2.5
 def info_command(recording: Path, fps: float | None, as_json: bool) -> None:
     """Say what RECORDING holds: format, counts, rate, gaps, image size, calibration, motion."""
     from pipeline.recordings import open_recording
+    from pipeline.recordings.base import counted
 
     facts = describe(open_recording(recording, fps))
     if as_json:
@@ -29,7 +30,7 @@ def info_command(recording: Path, fps: float | None, as_json: bool) -> None:
         return
     for name, value in facts.items():
         if isinstance(value, dict):
-            value = "; ".join(f"{n} {what}" for what, n in value.items()) or "none"
+            value = "; ".join(f"{what}: {counted(n)}" for what, n in value.items()) or "none"
         click.echo(f"{name.replace('_', ' '):<14} {value}")
 
 
@@ -37,7 +38,7 @@ def describe(recording: Recording) -> dict[str, Any]:
     """The facts that `beemap info` prints."""
     import numpy as np
 
-    from pipeline.recordings.base import PAIR_TOLERANCE, image_size
+    from pipeline.recordings.base import PAIR_TOLERANCE, image_size, looks_damaged
 
     stamps = np.array([pair.stamp for pair in recording.pairs], np.int64)
     steps = np.diff(stamps) / 1e9
@@ -45,6 +46,9 @@ def describe(recording: Recording) -> dict[str, Any]:
     median = float(np.median(steps)) if steps.size else 0.0
     gaps = steps[steps > GAP * median] if steps.size else steps
     size = image_size(recording.pairs)
+    images = [image for pair in recording.pairs for image in (pair.left, pair.right)]
+    damaged = filter(looks_damaged, images)
+    recording.skip("image cut short", [str(i.relative_to(recording.path)) for i in damaged])
     facts: dict[str, Any] = {
         "format": recording.kind,
         "pairs": len(recording.pairs),
@@ -56,7 +60,7 @@ def describe(recording: Recording) -> dict[str, Any]:
         "calibration": _calibration(recording),
         "motion": _motion(recording),
         "truth": _truth(recording),
-        "skipped": {reason: len(names) for reason, names in recording.skipped.items()},
+        "skipped": recording.skipped,
     }
     return facts
 

@@ -21,8 +21,12 @@ if TYPE_CHECKING:
 
 @click.command("map")
 @click.argument("recording", type=click.Path(path_type=Path), metavar="INPUT")
-@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="result folder")
-@click.option("--rig", type=click.Path(path_type=Path), help="rig.yaml; wins over the recording's own")
+@click.option(
+    "-o", "--output", type=click.Path(path_type=Path), required=True, help="result folder"
+)
+@click.option(
+    "--rig", type=click.Path(path_type=Path), help="rig.yaml; wins over the recording's own"
+)
 @click.option(
     "--motion",
     default="encoders",
@@ -54,18 +58,19 @@ def map_command(
     INPUT is an EuRoC/ASL folder, a KITTI odometry folder, or a folder with left/ and right/.
     Ctrl-C ends the run early with the results so far.
     """
+    from pipeline.errors import InputError
     from pipeline.folders import check_target, new_folder
+    from pipeline.motion import choose_motion
     from pipeline.recordings import open_recording
+    from pipeline.rig import choose_rig
     from pipeline.settings import load_settings
 
     begin = time.perf_counter()
     settings = load_settings(settings_file, overrides)
     check_target(output, force)
+    if output.exists() and recording.resolve().is_relative_to(output.resolve()):
+        raise InputError(f"{output}: holds the recording: choose another folder for the results")
     opened = open_recording(recording, fps)
-    warmed = _load_open3d_meanwhile()
-    from pipeline.motion import choose_motion
-    from pipeline.rig import choose_rig
-
     used_rig, notes = choose_rig(opened, rig)
     source = choose_motion(motion, opened, used_rig, settings.odometry, seed)
     threads = threads or os.cpu_count() or 1
@@ -73,6 +78,7 @@ def map_command(
     if not quiet:
         for note in notes:
             click.echo(f"note: {note}", err=True)
+    warmed = _load_open3d_meanwhile()
     with new_folder(output, force) as folder:
         run = _run(opened, used_rig, source, settings, seed, threads, quiet)
         warmed()
@@ -84,7 +90,7 @@ def map_command(
             "rig": str(rig) if rig else opened.rig_source,
             "notes": notes,
             "threads": threads,
-            "recording": {reason: len(names) for reason, names in opened.skipped.items()},
+            "recording": opened.skipped,
             "odometry": source.report(),
         }
         run.seconds["total"] = time.perf_counter() - begin
@@ -137,8 +143,9 @@ def _use_threads(threads: int) -> None:
     cv2.setNumThreads(1)
     # The default layer is not safe beside other threads; on Linux GNU OpenMP is always there.
     if os.name == "posix" and hasattr(os, "sched_getaffinity"):
-        numba.config.THREADING_LAYER = "omp"
-    numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
+        numba.config.THREADING_LAYER = "omp"  # pyright: ignore
+    most = numba.config.NUMBA_NUM_THREADS  # pyright: ignore
+    numba.set_num_threads(min(threads, most))
 
 
 def _load_open3d_meanwhile():
@@ -153,7 +160,8 @@ def _load_open3d_meanwhile():
         except RuntimeError as error:
             failure.append(error)
 
-    thread = threading.Thread(target=load, daemon=True)
+    # No daemon: an interpreter that ends while a library is being loaded crashes.
+    thread = threading.Thread(target=load)
     thread.start()
 
     def wait() -> None:
@@ -167,6 +175,8 @@ def _load_open3d_meanwhile():
 def _print_summary(
     output: Path, recording: Recording, run: MapRun, summary: dict[str, Any], writing: float
 ) -> None:
+    from pipeline.recordings.base import counted
+
     counts, seconds = summary["counts"], summary["seconds"]
     pairs = max(counts.get("pairs used", 0), 1)
     click.echo(
@@ -177,9 +187,10 @@ def _print_summary(
     )
     for reasons in (recording.skipped, run.skipped):
         for reason, names in reasons.items():
-            more = f" and {len(names) - 3} more" if len(names) > 3 else ""
-            click.echo(f"skipped: {reason}: {len(names)} ({', '.join(names[:3])}{more})")
+            click.echo(f"skipped: {reason}: {counted(names)}")
     for key, value in summary["odometry"].items():
         if value and key.startswith(("ticks_", "tick_gaps", "longest", "poses_skipped")):
             click.echo(f"odometry: {key.replace('_', ' ')}: {value:g}")
-    click.echo(f"results: {output}{os.sep} (open map.png; map.yaml for ROS, trajectory.tum for evo)")
+    click.echo(
+        f"results: {output}{os.sep} (open map.png; map.yaml for ROS, trajectory.tum for evo)"
+    )

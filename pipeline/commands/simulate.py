@@ -11,6 +11,7 @@ import click
 
 from pipeline.errors import InputError
 from pipeline.folders import check_target, new_folder
+from pipeline.progress import progress_bar
 
 if TYPE_CHECKING:
     from calibration.rig import StereoRig
@@ -183,48 +184,24 @@ def _write(
         ):
             recording.add_ticks(stamp, left, right)
         truth = trip.truth
-        for frame in _progress(len(trip.stamps), options["quiet"]):
-            stamp = int(trip.stamps[frame])
-            pair = renderer.render(trip.poses[frame], frame)
-            recording.add_pair(stamp, pair.left, pair.right)
-            recording.add_truth(stamp, truth[frame], trip.velocities[frame])
-            if options["depth"]:
-                recording.add_depth(stamp, pair.depth)
+        with progress_bar("rendering", "pairs", options["quiet"]) as progress:
+            for frame, stamp in enumerate(trip.stamps.tolist()):
+                pair = renderer.render(trip.poses[frame], frame)
+                recording.add_pair(stamp, pair.left, pair.right)
+                recording.add_truth(stamp, truth[frame], trip.velocities[frame])
+                if options["depth"]:
+                    recording.add_depth(stamp, pair.depth)
+                progress(frame + 1, len(trip.stamps))
 
 
 def _write_truth(folder: Path, scene: Scene, rig: StereoRig, trip: Drive, command: str) -> None:
-    from pipeline.recordings.map_server import write_map_server
+    from pipeline.map_files import write_map_server
     from simulation.floorplan import floor_plan, seen_plan
 
     folder.mkdir()
-    write_map_server(folder / "floorplan", floor_plan(scene, trip.poses[0]))
-    write_map_server(folder / "seen", seen_plan(scene, rig, trip.poses))
+    write_map_server(folder, floor_plan(scene, trip.poses[0]), "floorplan")
+    write_map_server(folder, seen_plan(scene, rig, trip.poses), "seen")
     (folder / "command.txt").write_text(command + "\n", encoding="utf-8")
-
-
-def _progress(count: int, quiet: bool):
-    """Count to `count` with a bar on stderr that shows rate and time left."""
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeRemainingColumn,
-    )
-
-    columns = (
-        TextColumn("rendering"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[rate]:.1f} pairs/s"),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=Console(stderr=True), disable=quiet) as bar:
-        task = bar.add_task("", total=count, rate=0.0)
-        for i in range(count):
-            yield i
-            bar.update(task, advance=1, rate=bar.tasks[0].speed or 0.0)
 
 
 def _command_line(context: click.Context) -> str:

@@ -11,20 +11,24 @@ about the floor.
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from calibration.rig import CameraModel, Mount, StereoRig
-from calibration.yamlfile import YamlFileError, read_yaml
+from calibration.rig import CameraModel, Mount, StereoRig, rig_from_dict, rig_to_dict
 from odometry.encoders import encoder_parameters
 from odometry.tick_log import read_tick_log
 from pipeline.errors import InputError
 from pipeline.recordings.base import Recording, match_pairs
+from pipeline.textfiles import read_fields, read_lines
 from pipeline.trajectory import Trajectory
 
 LOOKED_FOR = "mav0/cam0/data.csv (EuRoC/ASL)"
+
+STAMP = re.compile(r"[0-9]{1,19}")
+LAST_STAMP = 2**63 - 1  # int64 holds no later one [ns]
 
 # ASL's names of lens models, and ours.
 DISTORTION = {"radial-tangential": "radtan", "equidistant": "fisheye", "none": "none"}
@@ -48,7 +52,7 @@ def read(path: Path) -> Recording:
     if robot_frame:
         recording.ticks = read_tick_log(root / "odom0" / "data.csv")
         sensor = root / "odom0" / "sensor.yaml"
-        recording.encoders = encoder_parameters(_yaml(sensor), str(sensor))
+        recording.encoders = encoder_parameters(read_fields(sensor), str(sensor))
     truth = root / "state_groundtruth_estimate0" / "data.csv"
     if truth.is_file():
         recording.poses = _truth(truth, recording)
@@ -58,16 +62,14 @@ def read(path: Path) -> Recording:
 
 def _image_list(camera: Path, recording: Recording) -> list[tuple[int, Path]]:
     table = camera / "data.csv"
-    try:
-        lines = table.read_text(encoding="utf-8", errors="replace").splitlines()
-    except FileNotFoundError:
-        raise InputError(f"{table}: missing: a stereo recording needs cam0 and cam1") from None
+    if not table.is_file():
+        raise InputError(f"{table}: missing: a stereo recording needs cam0 and cam1")
     images, broken, missing = [], [], []
-    for number, line in enumerate(lines, start=1):
+    for number, line in enumerate(read_lines(table), start=1):
         if not line.strip() or line.startswith("#"):
             continue
         stamp, _, name = (part.strip() for part in line.partition(","))
-        if not stamp.isdigit() or not name:
+        if not _is_stamp(stamp) or not name:
             broken.append(f"{camera.name}/data.csv line {number}")
         elif not (camera / "data" / name).is_file():
             missing.append(f"{camera.name}/data/{name}")
@@ -80,28 +82,34 @@ def _image_list(camera: Path, recording: Recording) -> list[tuple[int, Path]]:
     return images
 
 
+def _is_stamp(text: str) -> bool:
+    return STAMP.fullmatch(text) is not None and int(text) <= LAST_STAMP
+
+
 def _rig(root: Path, robot_frame: bool) -> StereoRig:
-    sensors = [_yaml(root / camera / "sensor.yaml") for camera in ("cam0", "cam1")]
+    sensors = [read_fields(root / camera / "sensor.yaml") for camera in ("cam0", "cam1")]
     sources = [str(root / camera / "sensor.yaml") for camera in ("cam0", "cam1")]
     left, right = (_camera(s, source) for s, source in zip(sensors, sources, strict=True))
     B_left, B_right = (_body_pose(s, source) for s, source in zip(sensors, sources, strict=True))
     right_from_left = np.linalg.inv(B_right) @ B_left
     mount = Mount.from_pose(B_left[:3, :3], B_left[:3, 3]) if robot_frame else None
     width, height = _field(sensors[0], "resolution", 2, sources[0])
-    return StereoRig(
-        (int(width), int(height)),
+    rig = StereoRig(
+        (round(width), round(height)),
         left,
         right,
         right_from_left[:3, :3],
         right_from_left[:3, 3],
         mount=mount,
     )
+    # The rig file's own checks hold here, too: focal lengths, baseline, height of the mount.
+    return rig_from_dict(rig_to_dict(rig), f"{root}: sensor.yaml of cam0 and cam1 as a rig")
 
 
 def _camera(sensor: dict[str, Any], source: str) -> CameraModel:
     fx, fy, cx, cy = _field(sensor, "intrinsics", 4, source)
     name = sensor.get("distortion_model", "none")
-    if name not in DISTORTION:
+    if not isinstance(name, str) or name not in DISTORTION:
         raise InputError(
             f"{source}: distortion_model '{name}' is not known ({', '.join(sorted(DISTORTION))})"
         )
@@ -112,7 +120,11 @@ def _camera(sensor: dict[str, Any], source: str) -> CameraModel:
 def _body_pose(sensor: dict[str, Any], source: str) -> np.ndarray:
     block = sensor.get("T_BS")
     data = block.get("data") if isinstance(block, dict) else None
-    return np.array(_field({"T_BS.data": data}, "T_BS.data", 16, source)).reshape(4, 4)
+    pose = np.array(_field({"T_BS.data": data}, "T_BS.data", 16, source)).reshape(4, 4)
+    R = pose[:3, :3]
+    if not np.allclose(R @ R.T, np.eye(3), atol=1e-3) or np.linalg.det(R) < 0.0:
+        raise InputError(f"{source}: T_BS.data: its upper left 3x3 numbers are no rotation matrix")
+    return pose
 
 
 def _field(sensor: dict[str, Any], name: str, count: int, source: str) -> list[float]:
@@ -120,34 +132,26 @@ def _field(sensor: dict[str, Any], name: str, count: int, source: str) -> list[f
     if (
         not isinstance(values, list)
         or len(values) != count
-        or not all(isinstance(v, (int, float)) for v in values)
+        or not all(isinstance(v, (int, float)) and abs(v) < 1e300 for v in values)
     ):
         raise InputError(f"{source}: {name}: expected {count} numbers, got {values!r}")
     return [float(v) for v in values]
 
 
-def _yaml(path: Path) -> dict[str, Any]:
-    try:
-        data = read_yaml(path)
-    except YamlFileError as error:
-        raise InputError(str(error)) from None
-    if not isinstance(data, dict):
-        raise InputError(f"{path}: expected named fields, got {type(data).__name__}")
-    return data
-
-
 def _truth(path: Path, recording: Recording) -> Trajectory:
     """Columns: stamp, position x y z, quaternion w x y z, and more that is not needed."""
     rows, broken = [], []
-    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
+    for number, line in enumerate(read_lines(path), start=1):
         if not line.strip() or line.startswith("#"):
             continue
-        fields = line.split(",")
+        stamp, *numbers = (part.strip() for part in line.split(","))
         try:
-            rows.append((int(fields[0]), *(float(v) for v in fields[1:8])))
-            if len(rows[-1]) != 8:
-                raise ValueError
+            values = [float(v) for v in numbers[:7]]
         except ValueError:
+            values = []
+        if _is_stamp(stamp) and len(values) == 7 and np.isfinite(values).all():
+            rows.append((int(stamp), *values))
+        else:
             broken.append(f"line {number}")
     recording.skip("garbled line in the ground truth", broken)
     if not rows:

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 # Left and right images belong together when their stamps differ by no more than this [ns].
 PAIR_TOLERANCE = 10_000_000
 
+# The end mark of a PNG or JPEG stands in so many last bytes: some cameras pad their files.
+TAIL = 4096
+
 IMAGE_ENDINGS = {".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".tif", ".tiff", ".webp"}
 
 
@@ -83,14 +86,28 @@ def read_image(path: Path) -> np.ndarray:
         data = path.read_bytes()
     except OSError as error:
         raise DamagedFrameError(f"{path}: {error.strerror or error}") from None
-    ending = data[-64:]
-    cut = (data.startswith(b"\x89PNG") and b"IEND" not in ending) or (
-        data.startswith(b"\xff\xd8") and b"\xff\xd9" not in ending
-    )
+    cut = _is_cut_short(data[:8], data[-TAIL:])
     image = None if cut or not data else _decode(cv2, data)
     if image is None:
         raise DamagedFrameError(f"{path}: {'cut short' if cut else 'not a readable image'}")
     return image
+
+
+def looks_damaged(path: Path) -> bool:
+    """Whether an image is empty, cut short or gone, without decoding it."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(8)
+            file.seek(max(0, path.stat().st_size - TAIL))
+            return not head or _is_cut_short(head, file.read())
+    except OSError:
+        return True
+
+
+def _is_cut_short(head: bytes, tail: bytes) -> bool:
+    return (head.startswith(b"\x89PNG") and b"IEND" not in tail) or (
+        head.startswith(b"\xff\xd8") and b"\xff\xd9" not in tail
+    )
 
 
 def _decode(cv2, data: bytes) -> np.ndarray | None:
@@ -112,7 +129,14 @@ def match_pairs(
     i = j = 0
     while i < len(left) and j < len(right):
         difference = left[i][0] - right[j][0]
-        if abs(difference) <= PAIR_TOLERANCE:
+        # Above 100 pairs a second the tolerance spans several frames: the nearest one counts.
+        if i + 1 < len(left) and abs(left[i + 1][0] - right[j][0]) < abs(difference):
+            lonely_left.append(left[i][1].name)
+            i += 1
+        elif j + 1 < len(right) and abs(left[i][0] - right[j + 1][0]) < abs(difference):
+            lonely_right.append(right[j][1].name)
+            j += 1
+        elif abs(difference) <= PAIR_TOLERANCE:
             pairs.append(PairFiles(left[i][0], left[i][1], right[j][1]))
             i, j = i + 1, j + 1
         elif difference < 0:
@@ -131,6 +155,12 @@ def match_pairs(
             f"together within {PAIR_TOLERANCE / 1e6:.0f} ms: check the stamps of both cameras"
         )
     return pairs
+
+
+def counted(names: list[str]) -> str:
+    """How many, and the first of them, as in `5 (a.png, b.png, c.png and 2 more)`."""
+    more = f" and {len(names) - 3} more" if len(names) > 3 else ""
+    return f"{len(names)} ({', '.join(names[:3])}{more})"
 
 
 def image_size(pairs: list[PairFiles]) -> tuple[int, int] | None:

@@ -1,6 +1,6 @@
 """Plain `left/` and `right/` folders of images.
 
-Stamps come from numeric file names (19 digits or so: nanoseconds; with a decimal point, or ten
+Stamps come from numeric file names (15 to 19 digits: nanoseconds; with a decimal point, or ten
 digits: seconds) or, given a frame rate, from the frame numbers in the names.
 """
 
@@ -15,8 +15,9 @@ from pipeline.trajectory import seconds_to_ns
 
 LOOKED_FOR = "left/ and right/ with images"
 
-NS_DIGITS = 15  # a name of as many digits or more is nanoseconds
-SECONDS_DIGITS = 10  # a name of as many digits is a time since 1970
+NANOSECONDS = re.compile(r"[0-9]{15,18}|1[0-9]{18}")
+# Ten digits alone are a time since 1970.
+SECONDS = re.compile(r"[0-9]{1,9}\.[0-9]+|1[0-9]{9}(\.[0-9]+)?")
 
 
 def recognises(path: Path) -> bool:
@@ -32,10 +33,14 @@ def read(path: Path, fps: float | None = None) -> Recording:
     recording = Recording(path, "left/ and right/ folders", [])
     left, right = (_images(path / side) for side in ("left", "right"))
     if fps is None:
-        stamped = [[(_stamp(image), image) for image in side] for side in (left, right)]
+        stamps = {image: _stamp(image) for image in left + right}
     else:
-        stamped = _numbered(left, right, round(1e9 / fps))
-    recording.pairs = match_pairs(*stamped, recording)
+        stamps = _numbered(left + right, round(1e9 / fps))
+    recording.pairs = match_pairs(
+        [(stamps[image], image) for image in left],
+        [(stamps[image], image) for image in right],
+        recording,
+    )
     return recording
 
 
@@ -46,15 +51,15 @@ def _images(folder: Path) -> list[Path]:
     return images
 
 
-def _numbered(left: list[Path], right: list[Path], period: int) -> list[list[tuple[int, Path]]]:
-    """Frames counted over the numbers in both sides' names, so that a missing image is a gap."""
-    numbers = sorted({_number(image) for image in left + right})
+def _numbered(images: list[Path], period: int) -> dict[Path, int]:
+    """Stamps counted over the numbers in both sides' names: a missing image leaves a gap."""
+    numbers = sorted({_number(image) for image in images})
     frame = {number: i for i, number in enumerate(numbers)}
-    return [[(frame[_number(image)] * period, image) for image in side] for side in (left, right)]
+    return {image: frame[_number(image)] * period for image in images}
 
 
 def _number(image: Path) -> int:
-    digits = re.findall(r"\d+", image.stem)
+    digits = re.findall(r"[0-9]+", image.stem)
     if not digits:
         raise InputError(f"{image}: has no number in its name to order the frames by: rename it")
     return int(digits[-1])
@@ -62,10 +67,8 @@ def _number(image: Path) -> int:
 
 def _stamp(image: Path) -> int:
     name = image.stem
-    if name.isdigit() and len(name) >= NS_DIGITS:
+    if NANOSECONDS.fullmatch(name):
         return int(name)
-    whole, point, fraction = name.partition(".")
-    is_seconds = whole.isdigit() and ((point and fraction.isdigit()) or len(name) == SECONDS_DIGITS)
-    if is_seconds:
+    if SECONDS.fullmatch(name):
         return seconds_to_ns(name)
     raise InputError(f"{image}: the name is no time in ns or s: give --fps")

@@ -14,6 +14,7 @@ import numpy as np
 from calibration.rig import CameraModel, Mount, StereoRig
 from pipeline.errors import InputError
 from pipeline.recordings.base import IMAGE_ENDINGS, PairFiles, Recording, image_size
+from pipeline.textfiles import read_lines
 from pipeline.trajectory import Trajectory, seconds_to_ns
 
 LOOKED_FOR = "calib.txt with image_0/image_1 or image_l/image_r (KITTI odometry)"
@@ -35,15 +36,19 @@ def read(path: Path) -> Recording:
     assert folders is not None, "recognises() comes first"
     recording = Recording(path, "KITTI odometry folder", [])
     left, right = ({f.stem: f for f in _images(path / name)} for name in folders)
-    names = sorted(left)
+    # Lines of the tables count frames: one that only one camera has still takes its line.
+    names = sorted(left.keys() | right.keys())
     times = _times(path, names)
     recording.pairs = [
         PairFiles(time, left[n], right[n])
         for n, time in zip(names, times, strict=True)
-        if n in right
+        if n in left and n in right
     ]
-    recording.skip("left image without a right one", [left[n].name for n in names if n not in right])
-    recording.skip("right image without a left one", [right[n].name for n in right if n not in left])
+    for own, other, reason in (
+        (left, right, "left image without a right one"),
+        (right, left, "right image without a left one"),
+    ):
+        recording.skip(reason, [own[n].name for n in names if n in own and n not in other])
     if not recording.pairs:
         raise InputError(f"{path}: no image has the same name in {folders[0]} and {folders[1]}")
     recording.rig = _rig(path, folders, recording.pairs)
@@ -70,7 +75,7 @@ def _times(path: Path, names: list[str]) -> list[int]:
     if not table.is_file():
         return [i * PERIOD for i in range(len(names))]
     try:
-        times = [seconds_to_ns(line) for line in table.read_text().split()]
+        times = [seconds_to_ns(line) for line in read_lines(table) if line.strip()]
     except ValueError:
         raise InputError(f"{table}: expected one time in seconds a line") from None
     if len(times) < len(names):
@@ -82,7 +87,7 @@ def _rig(path: Path, folders: tuple[str, str], pairs: list[PairFiles]) -> Stereo
     """The rig of already rectified images, from the projection matrices."""
     rows: dict[str, np.ndarray] = {}
     unlabelled = []
-    for number, line in enumerate((path / "calib.txt").read_text().splitlines(), start=1):
+    for number, line in enumerate(read_lines(path / "calib.txt"), start=1):
         label, colon, rest = line.rpartition(":")
         try:
             values = np.array([float(v) for v in rest.split()])
@@ -99,6 +104,8 @@ def _rig(path: Path, folders: tuple[str, str], pairs: list[PairFiles]) -> Stereo
             f"{path / 'calib.txt'}: needs two rows of 12 numbers ({wanted[0]} and {wanted[1]})"
         )
     left, right = matrices
+    if not (np.isfinite(matrices).all() and left[0, 0] > 0.0 and left[1, 1] > 0.0):
+        raise InputError(f"{path / 'calib.txt'}: the focal lengths must be positive numbers")
     baseline = (left[0, 3] - right[0, 3]) / left[0, 0]
     if baseline <= 0:
         raise InputError(f"{path / 'calib.txt'}: the second camera is not right of the first")
@@ -120,7 +127,7 @@ def _rig(path: Path, folders: tuple[str, str], pairs: list[PairFiles]) -> Stereo
 def _poses(table: Path, times: list[int]) -> Trajectory:
     """Camera poses on the ground plane: forward is the optical axis, left is minus x."""
     rows = []
-    for number, line in enumerate(table.read_text().splitlines(), start=1):
+    for number, line in enumerate(read_lines(table), start=1):
         if not line.strip():
             continue
         try:

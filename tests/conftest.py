@@ -1,0 +1,90 @@
+"""What several test files share: a short piece of the shipped recording, and the command line."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from hypothesis import settings
+
+from pipeline.cli import main
+
+OFFICE = Path(__file__).parent.parent / "data" / "office"
+PAIRS = 40
+
+# The first example of a test may load OpenCV or compile a kernel.
+settings.register_profile("beemap", deadline=None)
+settings.load_profile("beemap")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a command did."""
+
+    code: int
+    out: str
+    err: str
+
+
+@pytest.fixture(scope="session")
+def office_piece(tmp_path_factory) -> Path:
+    """The first pairs of data/office with their ticks and truth; not to be changed."""
+    piece = tmp_path_factory.mktemp("piece") / "office"
+    for camera in ("cam0", "cam1"):
+        source, target = OFFICE / "mav0" / camera, piece / "mav0" / camera
+        (target / "data").mkdir(parents=True)
+        shutil.copy(source / "sensor.yaml", target)
+        lines = (source / "data.csv").read_text().splitlines()[: PAIRS + 1]
+        (target / "data.csv").write_text("\n".join(lines) + "\n")
+        for line in lines[1:]:
+            shutil.copy(source / "data" / line.partition(",")[2], target / "data")
+    last = int(lines[-1].partition(",")[0])
+    for name in ("odom0", "state_groundtruth_estimate0"):
+        source, target = OFFICE / "mav0" / name, piece / "mav0" / name
+        target.mkdir()
+        header, *lines = (source / "data.csv").read_text().splitlines()
+        early = [line for line in lines if int(line.partition(",")[0]) < last + 200_000_000]
+        (target / "data.csv").write_text("\n".join([header, *early]) + "\n")
+    shutil.copy(OFFICE / "mav0" / "odom0" / "sensor.yaml", piece / "mav0" / "odom0")
+    return piece
+
+
+@pytest.fixture
+def office(office_piece, tmp_path) -> Path:
+    """A copy of the piece that a test may damage."""
+    return Path(shutil.copytree(office_piece, tmp_path / "office"))
+
+
+@pytest.fixture
+def beemap(monkeypatch, capfd) -> Callable[..., Outcome]:
+    """Run `beemap` with these arguments in this process; an error that is a bug stays one."""
+
+    def run(*arguments: object) -> Outcome:
+        monkeypatch.setattr(sys, "argv", ["beemap", *map(str, arguments)])
+        capfd.readouterr()
+        with pytest.raises(SystemExit) as end:
+            main()
+        code = end.value.code
+        assert isinstance(code, int)
+        return Outcome(code, *capfd.readouterr())
+
+    return run
+
+
+@pytest.fixture
+def refused(beemap) -> Callable[..., str]:
+    """The one line on stderr with which `beemap` refuses these arguments."""
+
+    def run(*arguments: object) -> str:
+        outcome = beemap(*arguments)
+        assert outcome.code == 2, outcome
+        lines = outcome.err.splitlines()
+        assert len(lines) == 1, outcome.err
+        assert lines[0].startswith("beemap: ")
+        return lines[0]
+
+    return run
