@@ -106,7 +106,7 @@ def _section(
             "## End to end: `python -m benchmarks.end_to_end`",
             f"{machine()}. {pairs} pairs of 320x240 from `{OFFICE}`, of which {looked_at} are due "
             f"as observations; default settings, {THREADS} threads, numba's cache warm. Median "
-            f"(least to most) of {ROUNDS} runs; the machine's load before the first was {load:.1f}.",
+            f"(least to most) of {ROUNDS} runs; the machine's load before them was {load:.1f}.",
             table(["", "wall [s]", "wall [ms a pair]", "CPU [s]", "CPU [ms a pair]"], rows),
             f"The whole job takes **{wall_ratio:.2f} times** the wall time and {cpu_ratio:.2f} "
             "times the processor time of the bare OpenCV work (images decoded, rectified and "

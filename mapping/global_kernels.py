@@ -14,7 +14,7 @@ from numba import njit, prange
 from mapping.tiles import NO_TILE, TILE, UNKNOWN
 
 # Bits of a local map's cell.
-OBSERVED, OCCUPIED, FREE, NEAR_OCCUPIED = 1, 2, 4, 8
+OBSERVED, OCCUPIED, FREE, NEAR_OCCUPIED, POSSIBLE = 1, 2, 4, 8, 16
 
 
 @njit(cache=True, nogil=True)
@@ -44,16 +44,17 @@ def _outside(u, v, c, s, shape):
 
 @njit(cache=True, nogil=True, parallel=True)
 def match(tiles, table, corner, poses, local, x0, y0, cell, threshold):
-    """|S| and n of eq (8) for every particle, (N,) int64 each.
+    """|S| and n of eq (8) for every particle, (N,) int64 and float64.
 
     S: global obstacle cells (value > threshold) on a cell observed in the local map;
-    n: those of S on, or within the tolerance of, a local obstacle cell.
+    n: those of S on, or within the tolerance of, a local obstacle cell; those that are only
+    within the doubt of one count half.
     """
     particles, rows, columns = table.shape
     overlap = np.zeros(particles, np.int64)
-    matched = np.zeros(particles, np.int64)
+    matched = np.zeros(particles, np.float64)
     for k in prange(particles):
-        seen, same = 0, 0
+        seen, near, possible = 0, 0, 0
         for row in range(rows):
             for column in range(columns):
                 number = table[k, row, column]
@@ -76,9 +77,11 @@ def match(tiles, table, corner, poses, local, x0, y0, cell, threshold):
                             if bits & OBSERVED:
                                 seen += 1
                                 if bits & NEAR_OCCUPIED:
-                                    same += 1
+                                    near += 1
+                                elif bits & POSSIBLE:
+                                    possible += 1
         overlap[k] = seen
-        matched[k] = same
+        matched[k] = near + 0.5 * possible
     return overlap, matched
 
 

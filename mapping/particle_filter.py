@@ -20,6 +20,7 @@ from mapping.global_kernels import (
     NEAR_OCCUPIED,
     OBSERVED,
     OCCUPIED,
+    POSSIBLE,
     match,
     touched,
     update,
@@ -210,17 +211,20 @@ def log_likelihoods(
 
 
 def classify(local: LocalMap, model: SensorModel, tolerance: int) -> np.ndarray:
-    """Bits (H, W) uint8 of each local cell: observed, occupied, free, near a possible obstacle.
+    """Bits (H, W) uint8 of each local cell; see `global_kernels`.
 
-    The map is updated where obstacles most likely stand; matching allows for their doubt.
+    The map is updated where obstacles most likely stand. A match is sought there, within
+    `tolerance` cells, and with half the merit wherever the doubt of an obstacle reaches: the
+    first alone is too brittle for a few hundred particles, the second alone too blunt.
     """
     L = local.log_odds
     occupied = np.greater(L, model.occupied_above)
     free = np.less(L, model.free_below)
-    near = maximum_filter(local.possible, size=2 * tolerance + 1) if tolerance else local.possible
+    near, possible = (maximum_filter(m, size=2 * tolerance + 1) for m in (occupied, local.possible))
     return (
         np.where(np.isnan(L), 0, OBSERVED)
         | np.where(occupied, OCCUPIED, 0)
         | np.where(free, FREE, 0)
         | np.where(near, NEAR_OCCUPIED, 0)
+        | np.where(possible, POSSIBLE, 0)
     ).astype(np.uint8)

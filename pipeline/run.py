@@ -24,6 +24,8 @@ from stereo.ranger import StereoRanger
 
 # A key frame of the point cloud is taken after this travel [m] or turn [rad].
 KEY_FRAME_SPACING = (0.5, math.radians(30.0))
+# Ranges are used while their standard deviation stays below so many cells of the map.
+USABLE_CELLS = 2.0
 # Pairs looked at for exchanged images before a run.
 SWAP_SAMPLES = 3
 
@@ -78,7 +80,12 @@ def map_recording(
         InputError: images and rig do not fit, or no pair can be used.
         StereoError: the images are exchanged, or the rig makes no stereo.
     """
-    ranger = StereoRanger(rig, settings.stereo, settings.mapping.max_range)
+    ranger = StereoRanger(
+        rig,
+        settings.stereo,
+        settings.mapping.max_range,
+        usable_sigma=USABLE_CELLS * settings.mapping.cell,
+    )
     check_images(recording, rig, ranger)
     mapper = HierarchicalMapper(settings.mapping, seed)
     run = MapRun(mapper)

@@ -19,7 +19,7 @@ from stereo.rectify import Rectifier
 from stereo.scan import RangeScan
 from stereo.settings import StereoSettings
 
-# A range is of use while its standard deviation stays below this [m]: two cells of the map.
+# A range is of use while its standard deviation stays below this [m].
 USABLE_SIGMA = 0.10
 # Share of pixels that must match with the images exchanged before they are called swapped.
 SWAPPED_SHARE = 0.25
@@ -40,12 +40,16 @@ class StereoFrame:
 class StereoRanger:
     """Range scans from the raw pairs of one rig.
 
-    max_range: metres; None: where a disparity error of `settings.noise` grows to 0.1 m.
+    max_range: metres; None: where a disparity error of `settings.noise` grows to `usable_sigma`.
     May be called from several threads at once.
     """
 
     def __init__(
-        self, rig: StereoRig, settings: StereoSettings | None = None, max_range: float | None = None
+        self,
+        rig: StereoRig,
+        settings: StereoSettings | None = None,
+        max_range: float | None = None,
+        usable_sigma: float = USABLE_SIGMA,
     ):
         self.settings = settings = settings or StereoSettings()
         if settings.disparities is not None and settings.disparities % 16:
@@ -72,7 +76,9 @@ class StereoRanger:
         self.rectify = Rectifier(rig, heights, nearest=factor / disparities)
         self.camera = self.rectify.camera
         self.match = DisparityMatcher(self.camera, settings)
-        self.max_range = max_range or usable_range(self.camera.depth_factor, settings.noise)
+        self.max_range = max_range or usable_range(
+            self.camera.depth_factor, settings.noise, usable_sigma
+        )
 
     def __call__(self, pair: StereoPair) -> RangeScan:
         """The scan of one pair."""
@@ -127,6 +133,6 @@ class StereoRanger:
         return points.astype(np.float32), rgb
 
 
-def usable_range(depth_factor: float, noise: float) -> float:
-    """Distance [m] at which sigma_z = z^2 noise / (f B) reaches 0.1 m."""
-    return math.sqrt(USABLE_SIGMA * depth_factor / noise)
+def usable_range(depth_factor: float, noise: float, sigma: float) -> float:
+    """Distance [m] at which sigma_z = z^2 noise / (f B) reaches `sigma` [m]."""
+    return math.sqrt(sigma * depth_factor / noise)

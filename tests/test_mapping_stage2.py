@@ -1,13 +1,23 @@
 """Stage 2: tiles, matching, updating, resampling, the filter and its path."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mapping.global_kernels import FREE, NEAR_OCCUPIED, OBSERVED, OCCUPIED, match, touched, update
+from mapping.global_kernels import (
+    FREE,
+    NEAR_OCCUPIED,
+    OBSERVED,
+    OCCUPIED,
+    POSSIBLE,
+    match,
+    touched,
+    update,
+)
 from mapping.local_map import LocalMap
 from mapping.mapper import HierarchicalMapper
 from mapping.particle_filter import (
@@ -53,7 +63,8 @@ def filled_maps(rng, particles, tiles_each_way=3):
 
 def random_bits(rng, shape):
     L = np.where(rng.random(shape) < 0.2, np.nan, rng.normal(0, 2, shape))
-    return classify(local_map(L), MODEL, 1)
+    blurred = local_map(L)
+    return classify(replace(blurred, possible=rng.random(shape) < 0.2), MODEL, 1)
 
 
 def global_cells(maps, k):
@@ -85,7 +96,8 @@ def test_match_equals_its_numpy_twin():
             if number != NO_TILE and maps.tiles[number, i, j] > 20:
                 b = looked_up(bits, poses[k], x, y, origin)
                 S += bool(b & OBSERVED)
-                n += bool(b & OBSERVED and b & NEAR_OCCUPIED)
+                if b & OBSERVED:
+                    n += 1.0 if b & NEAR_OCCUPIED else 0.5 if b & POSSIBLE else 0.0
         assert (overlap[k], matched[k]) == (S, n)
         assert S > 100
 
@@ -144,7 +156,7 @@ def test_the_grid_grows_in_every_direction_and_keeps_its_cells():
 def test_eq_8_rewards_matching_and_the_unjudged_get_the_mean():
     overlap = np.array([100, 100, 200, 10, 0])
     matched = np.array([100, 50, 150, 10, 0])
-    log_l = log_likelihoods(overlap, matched, MappingSettings())
+    log_l = log_likelihoods(overlap, matched, MappingSettings(match_weight=50.0))
     np.testing.assert_allclose(log_l[:3], [0.0, -25.0, -12.5])
     mean = math.log((1.0 + math.exp(-25.0) + math.exp(-12.5)) / 3.0)
     np.testing.assert_allclose(log_l[3:], mean)
