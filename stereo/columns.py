@@ -64,30 +64,36 @@ def _column_histogram(disparity, rotation, intrinsics, height, band, disparities
     """Pixels in the height band: their number and summed 1/range per (column, disparity)."""
     f, cx, cy, baseline = intrinsics
     low, high, tilt, noise = band
+    # Floor seen through a tilt or a disparity error must not become an obstacle: both raise it
+    # in proportion to the depth.
+    doubt = 3.0 * math.hypot(tilt, height * noise / (f * baseline))
     rows, columns = disparity.shape
     count = np.zeros((columns, disparities + 1), np.int32)
     nearness = np.zeros((columns, disparities + 1), np.float64)
     for v in range(rows):
         y = (v - cy) / f
+        ahead, left, above = (
+            rotation[0, 1] * y + rotation[0, 2],
+            rotation[1, 1] * y + rotation[1, 2],
+            rotation[2, 1] * y + rotation[2, 2],
+        )
         for u in range(columns):
             raw = disparity[v, u]
             if raw <= 0:
                 continue
-            d = raw / SUBPIXEL
-            Z = f * baseline / d
             x = (u - cx) / f
-            X = Z * (rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2])
-            Y = Z * (rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2])
-            up = height + Z * (rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2])
-            # Floor seen through a tilt or a disparity error must not become an obstacle.
-            doubt = 3.0 * math.hypot(Z * tilt, height * noise / d)
-            if up < max(low, doubt) or up > high or X <= 0.0:
+            Z = SUBPIXEL * f * baseline / raw
+            up = height + Z * (rotation[2, 0] * x + above)
+            if up < low or up > high or up < doubt * Z:
+                continue
+            X, Y = Z * (rotation[0, 0] * x + ahead), Z * (rotation[1, 0] * x + left)
+            if X <= 0.0:
                 continue
             column = round(cx - f * Y / X)
             if 0 <= column < columns:
-                bin_ = min(round(d), disparities)
+                bin_ = min(round(raw / SUBPIXEL), disparities)
                 count[column, bin_] += 1
-                nearness[column, bin_] += 1.0 / math.hypot(X, Y)
+                nearness[column, bin_] += 1.0 / math.sqrt(X * X + Y * Y)
     return count, nearness
 
 

@@ -137,6 +137,8 @@ def _run(
 
 def _use_threads(threads: int) -> None:
     """Share the cores out: OpenCV one (frames run beside each other), numba all."""
+    # Threads that wait for their next loop must not take the core from those that match images.
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     import cv2
     import numba
 
