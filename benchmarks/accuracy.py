@@ -15,8 +15,6 @@ STREET_SEEDS = range(1, 11)
 
 STREET_SETTINGS = (
     "mapping.cell=0.2",
-    "mapping.window=3",
-    "stereo.disparities=128",
     "odometry.noise=[0.02, 0.5]",
     "odometry.bias=0.5",
 )

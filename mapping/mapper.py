@@ -8,10 +8,9 @@ grid, path = mapper.finish()
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
+from mapping.ego_motion import EgoMotion
 from mapping.gate import ObservationGate
 from mapping.grid import OccupancyGrid
 from mapping.local_map import LocalMap, LocalMapper
@@ -23,17 +22,27 @@ from stereo.scan import RangeScan
 
 
 class HierarchicalMapper:
-    """Scans and motion in, a map and a path out. The first pair stands at (0, 0, 0)."""
+    """Scans and motion in, a map and a path out. The first pair stands at (0, 0, 0).
+
+    Odometry is known at every pair, matched motion at every observation, the filter's pose at
+    every local map: each corrects the one before.
+    """
 
     def __init__(self, settings: MappingSettings | None = None, seed: int = 0):
         self.settings = settings or MappingSettings()
         self.local_mapper = LocalMapper(self.settings)
         self.filter = ParticleFilter(self.settings, seed)
-        self.on_local_map: Callable[[LocalMap], None] | None = None
         self.stamps: list[int] = []
         self.odometry: list[np.ndarray] = []  # dead reckoning after each pair
         self.online: list[np.ndarray] = []  # the pose as it was known after each pair
-        self._nodes: list[int] = [0]  # pairs at which the filter's poses stand
+        matched = self.settings.ego_motion == "matched"
+        self._ego_motion = EgoMotion(self.settings.cell) if matched else None
+        self._since: Motion | None = None  # the observation before
+        # Pairs that were observations, and where matched motion alone puts them.
+        self._observed: list[int] = [0]
+        self._matched: list[np.ndarray] = [np.zeros(3)]
+        # Of those, the ones that closed a local map: there the filter's poses stand.
+        self._closed: list[int] = [0]
 
     def add(self, scan: RangeScan, motion: Motion) -> np.ndarray:
         """Take in one pair; the robot's pose (3,) as it is known now."""
@@ -53,14 +62,23 @@ class HierarchicalMapper:
         previous = self.odometry[-1] if self.odometry else np.zeros(3)
         self.odometry.append(compose(previous, motion.increment))
         self.stamps.append(motion.last)
-        self.local_mapper.move(motion)
+        self._since = motion if self._since is None else self._since.then(motion)
         self.online.append(self._predicted())
 
     def observe(self, scan: RangeScan) -> None:
         """The scan of the pair just moved to; its place is known after `move`."""
+        motion = self._since
+        assert motion is not None, "move() comes before observe()"
+        if self._ego_motion is not None:
+            motion = self._ego_motion.refine(scan, motion)
+        self._since = Motion.none(motion.last)
+        self._observed.append(len(self.odometry) - 1)
+        self._matched.append(compose(self._matched[-1], motion.increment))
+        self.local_mapper.move(motion)
         local = self.local_mapper.observe(scan)
         if local is not None:
             self._close(local)
+        self.online[-1] = self._predicted()
 
     @property
     def pose(self) -> np.ndarray:
@@ -79,15 +97,16 @@ class HierarchicalMapper:
         odometry = np.array(self.odometry).reshape(-1, 3)
         if not len(odometry):
             return odometry
-        return join(odometry, np.array(self._nodes), self.filter.path())
+        observed = np.array(self._observed)
+        matched = join(odometry, observed, np.array(self._matched))
+        return join(matched, observed[self._closed], self.filter.path())
 
     def _predicted(self) -> np.ndarray:
-        since = compose(inverse(self.odometry[self._nodes[-1]]), self.odometry[-1])
-        return compose(self.filter.poses[self.filter.best], since)
+        """The filter's pose moved on by matched motion, and by odometry since the last scan."""
+        matched = compose(inverse(self._matched[self._closed[-1]]), self._matched[-1])
+        since = compose(inverse(self.odometry[self._observed[-1]]), self.odometry[-1])
+        return compose(compose(self.filter.poses[self.filter.best], matched), since)
 
     def _close(self, local: LocalMap) -> None:
         self.filter.add(local)
-        self._nodes.append(len(self.odometry) - 1)
-        self.online[-1] = self._predicted()
-        if self.on_local_map is not None:
-            self.on_local_map(local)
+        self._closed.append(len(self._observed) - 1)

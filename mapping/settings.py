@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import msgspec
 
@@ -23,6 +23,10 @@ class MappingSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     spacing_angle: Annotated[float, _meta("an observation is due after this turn", "deg", ge=0)] = (
         10.0
     )
+    ego_motion: Annotated[
+        Literal["matched", "raw"],
+        _meta("matched: scans correct odometry before both stages; raw: the paper's", ""),
+    ] = "matched"
     window: Annotated[int, _meta("observations fused into a local map", "", ge=1)] = 10
     hit: Annotated[
         float, _meta("P(O|E): an obstacle that is there is observed", "", gt=0, lt=1)
@@ -40,7 +44,7 @@ class MappingSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         _meta("an obstacle cell matches within this; the paper: 0", "cells", ge=0, le=5),
     ] = 1
     # Ten looks at the same wall are not ten independent ones: with 50 the filter is over-confident
-    # and loses good particles to chance (benchmarks/weights.py measures it).
+    # and loses good particles to chance.
     match_weight: Annotated[float, _meta("k of eq (8); the paper: 50", "", ge=0)] = 20.0
     min_overlap: Annotated[
         int,

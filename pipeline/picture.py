@@ -13,8 +13,9 @@ FOOTER = 84
 # BGR
 PAPER = (255, 255, 255)
 UNKNOWN = (226, 222, 218)
-FREE = np.array([255.0, 255.0, 255.0])
-WALL = np.array([48.0, 36.0, 28.0])
+WALL = (48, 36, 28)
+# What is rather free than not must look lighter than unknown, and what is decided must stand out.
+SHADE_OF_P = ([0.0, 0.2, 0.5, 0.65, 1.0], [0.0, 0.02, 0.07, 0.6, 1.0])  # share of WALL in PAPER
 INK = (60, 50, 44)
 PATH = (200, 120, 30)
 START = (70, 150, 40)
@@ -27,6 +28,7 @@ def draw_map(
     grid: OccupancyGrid, path: np.ndarray, particles: np.ndarray, caption: str
 ) -> np.ndarray:
     """The map (H, W, 3) uint8 BGR with the path (n, 3), the particles' last poses and a scale."""
+    grid = _around_path(grid, path)
     height, width = grid.probability.shape
     zoom = int(np.clip(LONG_SIDE // max(height, width), 1, 16))
     canvas = np.full((height * zoom + FOOTER + 2 * MARGIN, _width(width * zoom), 3), 255, np.uint8)
@@ -54,6 +56,21 @@ def draw_map(
     return canvas
 
 
+def _around_path(grid: OccupancyGrid, path: np.ndarray) -> OccupancyGrid:
+    """The map with an unknown margin where the path leaves it."""
+    if not len(path):
+        return grid
+    height, width = grid.probability.shape
+    cells = np.floor((path[:, :2] - grid.origin) / grid.cell).astype(int)
+    left, bottom = np.maximum(-cells.min(axis=0), 0)
+    right, top = np.maximum(cells.max(axis=0) + 1 - (width, height), 0)
+    return OccupancyGrid(
+        np.pad(grid.probability, ((bottom, top), (left, right)), constant_values=np.nan),
+        (grid.origin[0] - left * grid.cell, grid.origin[1] - bottom * grid.cell),
+        grid.cell,
+    )
+
+
 def _width(map_width: int) -> int:
     return max(map_width + 2 * MARGIN, 900)
 
@@ -63,8 +80,8 @@ def _xy(point: np.ndarray) -> tuple[int, int]:
 
 
 def _colours(grid: OccupancyGrid) -> np.ndarray:
-    p = np.nan_to_num(grid.probability, nan=0.5)[..., None]
-    shade = FREE + (WALL - FREE) * p
+    wall = np.interp(np.nan_to_num(grid.probability, nan=0.5), *SHADE_OF_P)[..., None]
+    shade = PAPER + (np.array(WALL) - PAPER) * wall
     return np.where(np.isnan(grid.probability)[..., None], UNKNOWN, shade).astype(np.uint8)
 
 
@@ -83,7 +100,7 @@ def _footer(canvas: np.ndarray, metres_per_pixel: float, top: int, caption: str)
         (START, "start"),
         (END, "end"),
         (PARTICLE, "particles at the end"),
-        (tuple(int(v) for v in WALL), "obstacle"),
+        (WALL, "obstacle"),
         (UNKNOWN, "unknown"),
     ):
         cv2.rectangle(canvas, (x, y - 9), (x + 16, y + 7), colour, -1)
