@@ -61,7 +61,7 @@ def read_tick_log(path: str | Path) -> TickLog:
     """
     try:
         # A byte that is no text garbles its own line, not the file.
-        text = Path(path).read_text(encoding="utf-8", errors="replace")
+        text = Path(path).read_text(encoding="utf-8-sig", errors="replace")
     except FileNotFoundError:
         raise OdometryError(f"{path}: no such file") from None
     except OSError as error:

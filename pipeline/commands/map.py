@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from pipeline.errors import InputError
+
 if TYPE_CHECKING:
     from calibration.rig import StereoRig
     from odometry.source import MotionSource
@@ -58,7 +60,6 @@ def map_command(
     INPUT is an EuRoC/ASL folder, a KITTI odometry folder, or a folder with left/ and right/.
     Ctrl-C ends the run early with the results so far.
     """
-    from pipeline.errors import InputError
     from pipeline.folders import check_target, new_folder
     from pipeline.motion import choose_motion
     from pipeline.recordings import open_recording
@@ -78,10 +79,10 @@ def map_command(
     if not quiet:
         for note in notes:
             click.echo(f"note: {note}", err=True)
-    warmed = _load_open3d_meanwhile()
+    open3d = _Open3DLoading()
     with new_folder(output, force) as folder:
-        run = _run(opened, used_rig, source, settings, seed, threads, quiet)
-        warmed()
+        run = _run(opened, used_rig, source, settings, seed, threads, quiet, open3d)
+        open3d.wait()
         facts = {
             "input": str(recording),
             "format": opened.kind,
@@ -113,6 +114,7 @@ def _run(
     seed: int,
     threads: int,
     quiet: bool,
+    open3d: _Open3DLoading,
 ) -> MapRun:
     """Map with a progress bar; the first Ctrl-C asks the run to end, a second one breaks it."""
     from pipeline.progress import progress_bar
@@ -127,7 +129,12 @@ def _run(
 
     previous = signal.signal(signal.SIGINT, on_interrupt)
     try:
-        with progress_bar("mapping", "pairs", quiet) as progress:
+        with progress_bar("mapping", "pairs", quiet) as show:
+
+            def progress(done: int, total: int) -> None:
+                open3d.check()
+                show(done, total)
+
             return map_recording(
                 recording, rig, source, settings, seed, threads, progress, stop.is_set
             )
@@ -147,31 +154,40 @@ def _use_threads(threads: int) -> None:
     if os.name == "posix" and hasattr(os, "sched_getaffinity"):
         numba.config.THREADING_LAYER = "omp"  # pyright: ignore
     most = numba.config.NUMBA_NUM_THREADS  # pyright: ignore
-    numba.set_num_threads(min(threads, most))
+    try:
+        numba.set_num_threads(min(threads, most))
+    except ValueError as error:
+        raise InputError(
+            f"numba finds no threads ({error}): on Debian or Ubuntu run 'apt-get install libgomp1'"
+        ) from None
 
 
-def _load_open3d_meanwhile():
-    """Import Open3D (0.6 s) in the background; the function returned waits and raises."""
-    from mapping.clouds import import_open3d
+class _Open3DLoading:
+    """Imports Open3D (0.6 s) in the background, where it is needed only at the end."""
 
-    failure: list[BaseException] = []
+    def __init__(self) -> None:
+        self._failure: RuntimeError | None = None
+        # No daemon: an interpreter that ends while a library is being loaded crashes.
+        self._thread = threading.Thread(target=self._load)
+        self._thread.start()
 
-    def load() -> None:
+    def _load(self) -> None:
+        from mapping.clouds import import_open3d
+
         try:
             import_open3d()
         except RuntimeError as error:
-            failure.append(error)
+            self._failure = error
 
-    # No daemon: an interpreter that ends while a library is being loaded crashes.
-    thread = threading.Thread(target=load)
-    thread.start()
+    def check(self) -> None:
+        """Raise what went wrong so far: a long run must not end on a missing library."""
+        if self._failure is not None:
+            raise self._failure
 
-    def wait() -> None:
-        thread.join()
-        if failure:
-            raise failure[0]
-
-    return wait
+    def wait(self) -> None:
+        """Return when Open3D is there."""
+        self._thread.join()
+        self.check()
 
 
 def _print_summary(
