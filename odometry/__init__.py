@@ -1,7 +1,7 @@
 """Odometry: serial bytes or recorded ticks -> wheel motion with its covariance.
 
-    from odometry.source import EncoderOdometry
+from odometry.source import EncoderOdometry
 
-    odometry = EncoderOdometry(read_tick_log("data.csv"), parameters, OdometrySettings())
-    motion = odometry.until(stamp)
+odometry = EncoderOdometry(read_tick_log("data.csv"), parameters, OdometrySettings())
+motion = odometry.until(stamp)
 """

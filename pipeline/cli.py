@@ -57,7 +57,7 @@ def _one_line(message: str) -> str:
 def main() -> None:
     """Entry point of `beemap`: user errors are one line on stderr and exit code 2."""
     try:
-        code = cli.main(standalone_mode=False)
+        code = cli.main(prog_name="beemap", standalone_mode=False)
     except click.exceptions.NoArgsIsHelpError as error:
         error.show()
         code = error.exit_code

@@ -1,8 +1,8 @@
 """Stereo: pair -> rectified pair -> disparity -> columns -> scan.
 
-    from stereo.pair import StereoPair
-    from stereo.ranger import StereoRanger
+from stereo.pair import StereoPair
+from stereo.ranger import StereoRanger
 
-    ranger = StereoRanger(load_rig("rig.yaml"))
-    scan = ranger(StereoPair(stamp, left, right))
+ranger = StereoRanger(load_rig("rig.yaml"))
+scan = ranger(StereoPair(stamp, left, right))
 """

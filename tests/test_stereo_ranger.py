@@ -15,9 +15,10 @@ from hypothesis import strategies as st
 
 from calibration.rig import CameraModel, Mount, StereoRig
 from pipeline.recordings import open_recording
-from stereo import StereoPair, StereoRanger, StereoSettings
 from stereo.errors import StereoError
-from stereo.ranger import USABLE_SIGMA
+from stereo.pair import StereoPair
+from stereo.ranger import USABLE_SIGMA, StereoRanger
+from stereo.settings import StereoSettings
 from tests.stereo_rigs import (
     BASELINE,
     SHAPE,
