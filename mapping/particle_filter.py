@@ -12,8 +12,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
-from scipy.ndimage import maximum_filter
 
 from mapping.global_kernels import (
     FREE,
@@ -220,7 +220,10 @@ def classify(local: LocalMap, model: SensorModel, tolerance: int) -> np.ndarray:
     L = local.log_odds
     occupied = np.greater(L, model.occupied_above)
     free = np.less(L, model.free_below)
-    near, possible = (maximum_filter(m, size=2 * tolerance + 1) for m in (occupied, local.possible))
+    around = np.ones((2 * tolerance + 1, 2 * tolerance + 1), np.uint8)
+    near, possible = (
+        cv2.dilate(mask.astype(np.uint8), around) for mask in (occupied, local.possible)
+    )
     return (
         np.where(np.isnan(L), 0, OBSERVED)
         | np.where(occupied, OCCUPIED, 0)

@@ -21,14 +21,11 @@ def compose(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """a (+) b for poses (..., 3); theta is wrapped."""
     a, b = np.asarray(a, float), np.asarray(b, float)
     c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
-    return np.stack(
-        [
-            a[..., 0] + c * b[..., 0] - s * b[..., 1],
-            a[..., 1] + s * b[..., 0] + c * b[..., 1],
-            wrap_angle(a[..., 2] + b[..., 2]),
-        ],
-        axis=-1,
-    )
+    pose = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    pose[..., 0] = a[..., 0] + c * b[..., 0] - s * b[..., 1]
+    pose[..., 1] = a[..., 1] + s * b[..., 0] + c * b[..., 1]
+    pose[..., 2] = wrap_angle(a[..., 2] + b[..., 2])
+    return pose
 
 
 def inverse(a: np.ndarray) -> np.ndarray:
