@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from pipeline.commands.simulate_degrade import degrade
+from pipeline.commands.simulate_paper import paper
 from pipeline.errors import InputError
 from pipeline.folders import check_target, new_folder
 from pipeline.progress import progress_bar
@@ -24,6 +26,10 @@ PAIR_RATE = 2.0  # pairs a second
 @click.group()
 def simulate() -> None:
     """Make recordings and runs out of nothing, with the truth beside them."""
+
+
+simulate.add_command(paper)
+simulate.add_command(degrade)
 
 
 @simulate.command()
