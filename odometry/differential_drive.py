@@ -56,7 +56,7 @@ def drive(
     end = np.array([positions[-1, 0], positions[-1, 1], turn.sum()])
 
     levers = positions[-1] - positions + 0.5 * chords
-    J = _error_at_the_end(headings, levers).reshape(3, -1)
+    J = error_at_the_end(headings, levers).reshape(3, -1)
     covariance = (J * variances.ravel()) @ J.T
     covariance += rounding_covariance(end, paths, track, tick)
     end[2] = wrap_angle(end[2])
@@ -94,11 +94,11 @@ def rounding_covariance(
     """
     variance = tick**2 / 6.0 * paths.any(axis=0)
     wheels = np.array([[0.5, 0.5], [0.0, 0.0], [-1.0 / track, 1.0 / track]])
-    J = _error_at_the_end(np.array([0.5 * end[2]]), 0.5 * end[None, :2])[:, 0] @ wheels
+    J = error_at_the_end(np.array([0.5 * end[2]]), 0.5 * end[None, :2])[:, 0] @ wheels
     return (J * variance) @ J.T
 
 
-def _error_at_the_end(headings: np.ndarray, levers: np.ndarray) -> np.ndarray:
+def error_at_the_end(headings: np.ndarray, levers: np.ndarray) -> np.ndarray:
     """Jacobians (3, k, 3) of the final pose by an error (along, across, heading) on the way.
 
     headings: (k,) rad where the error happens; levers: (k, 2) m from there to the end.

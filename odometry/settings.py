@@ -11,11 +11,11 @@ NonNegative = Annotated[float, Meta(ge=0.0)]
 
 
 class OdometrySettings(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """`noise` and `bias` spoil poses taken as odometry; the others are the encoders' doubt.
+    """`noise` and `bias` spoil poses taken as odometry; the others are wheel odometry's doubt.
 
-    The encoders' errors are random walks: a standard deviation s per square root of a metre is
-    s after 1 m and 2 s after 4 m. The doubt that comes from the resolution of the encoders
-    follows from their ticks and needs no setting.
+    Wheel odometry, from encoders or in a scan log, errs as a random walk: a standard deviation s
+    per square root of a metre is s after 1 m and 2 s after 4 m. The doubt that comes from the
+    resolution of the encoders follows from their ticks and needs no setting.
     """
 
     noise: Annotated[
@@ -38,7 +38,7 @@ class OdometrySettings(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     along: Annotated[
         float,
         Meta(
-            description="encoders: standard deviation along the path after one metre",
+            description="wheel odometry: standard deviation along the path after one metre",
             extra={"unit": "m/sqrt(m)"},
             ge=0.0,
         ),
@@ -46,7 +46,7 @@ class OdometrySettings(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     across: Annotated[
         float,
         Meta(
-            description="encoders: standard deviation across the path after one metre "
+            description="wheel odometry: standard deviation across the path after one metre "
             "(side slip, beside what the heading's error causes)",
             extra={"unit": "m/sqrt(m)"},
             ge=0.0,
@@ -56,7 +56,7 @@ class OdometrySettings(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     heading: Annotated[
         float,
         Meta(
-            description="encoders: standard deviation of the heading after one metre",
+            description="wheel odometry: standard deviation of the heading after one metre",
             extra={"unit": "deg/sqrt(m)"},
             ge=0.0,
         ),
@@ -64,7 +64,8 @@ class OdometrySettings(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     turn: Annotated[
         float,
         Meta(
-            description="encoders: standard deviation of the heading after one radian of turning",
+            description="wheel odometry: standard deviation of the heading after one radian of "
+            "turning",
             extra={"unit": "deg/sqrt(rad)"},
             ge=0.0,
         ),

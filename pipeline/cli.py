@@ -15,6 +15,7 @@ COMMANDS = {
     "calibrate": ("calibrate:calibrate", "Calibrate a new camera pair."),
     "simulate": ("simulate:simulate", "Render a recording with known truth."),
     "evaluate": ("evaluate:evaluate", "Compare a path or a map with the truth."),
+    "experiment": ("experiment:experiment", "Run the paper's experiments, with many seeds."),
     "settings": ("settings:settings_command", "List all settings: default, unit, meaning."),
 }
 

@@ -21,6 +21,7 @@ import numpy as np
 from mapping.clouds import VOXEL, map_points, write_ply
 from mapping.grid import OccupancyGrid
 from odometry.motion import compose
+from pipeline.health import health_lines
 from pipeline.map_files import write_map_server, write_npz
 from pipeline.picture import draw_map
 from pipeline.run import KeyFrame, MapRun
@@ -44,6 +45,7 @@ HEALTH_COLUMNS = (
     "observations",
     "n_eff",
     "resampled",
+    "recovered",
     "overlap_cells",
     "matched_share",
     "particles_judged",
@@ -71,7 +73,8 @@ def write_results(
         write_tum(folder / "truth.tum", truth)
     _write_picture(folder / "map.png", run, grid, path)
     _write_cloud(folder / "map.ply", *map_points(grid))
-    _write_cloud(folder / "cloud.ply", *_world_points(run.key_frames, path), voxel=VOXEL)
+    if run.key_frames is not None:
+        _write_cloud(folder / "cloud.ply", *_world_points(run.key_frames, path), voxel=VOXEL)
     (folder / "health.csv").write_text(_health(run), encoding="ascii")
     (folder / "settings.yaml").write_text(as_yaml(settings), encoding="utf-8")
     summary = _summary(run, grid, path, facts)
@@ -85,7 +88,7 @@ def _length(path: np.ndarray) -> float:
 
 def _write_picture(file: Path, run: MapRun, grid: OccupancyGrid, path: np.ndarray) -> None:
     caption = (
-        f"{run.counts['pairs used']} pairs, {len(run.mapper.filter.health)} local maps, "
+        f"{run.used} {run.unit}, {len(run.mapper.filter.health)} local maps, "
         f"{_length(path):.1f} m of path, cells of {grid.cell * 1000:.0f} mm"
         + (", PARTIAL: the run was interrupted" if run.partial else "")
     )
@@ -124,6 +127,7 @@ def _health(run: MapRun) -> str:
                 step.observations,
                 f"{step.n_eff:.3f}",
                 int(step.resampled),
+                int(step.recovered),
                 step.overlap,
                 f"{step.matched:.4f}",
                 step.judged,
@@ -139,6 +143,7 @@ def _summary(
 ) -> dict[str, Any]:
     known = ~np.isnan(grid.probability)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    sight = "columns" if run.unit == "pairs" else "beams"
     return {
         **facts,
         "partial": run.partial,
@@ -150,6 +155,7 @@ def _summary(
         "seconds": {stage: round(seconds, 3) for stage, seconds in run.seconds.items()},
         # ru_maxrss counts kilobytes on Linux, bytes on macOS.
         "peak_memory_mb": round(peak / (1e6 if sys.platform == "darwin" else 1e3), 1),
+        "health": health_lines(run.mapper, sight, encoders=facts.get("motion") == "encoders"),
         "versions": {name: version(name) for name in VERSIONS_OF},
         "python": platform.python_version(),
     }

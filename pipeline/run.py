@@ -1,12 +1,13 @@
-"""The main job: a recording becomes a map and a path."""
+"""The main job: a recording becomes a map and a path. (Scan logs: `run_log.py`.)"""
 
 from __future__ import annotations
 
 import math
 import time
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 import numpy as np
 
@@ -29,6 +30,11 @@ USABLE_CELLS = 2.0
 # Pairs looked at for exchanged images before a run.
 SWAP_SAMPLES = 3
 
+T = TypeVar("T")
+
+Progress = Callable[[int, int], None]
+Interrupted = Callable[[], bool]
+
 
 @dataclass
 class KeyFrame:
@@ -41,14 +47,40 @@ class KeyFrame:
 
 @dataclass
 class MapRun:
-    """All that a run found out; `pipeline.results` writes it down."""
+    """All that a run found out; `pipeline.results` writes it down.
+
+    unit: what the input consists of; key_frames: None where there are no images.
+    """
 
     mapper: HierarchicalMapper
-    key_frames: list[KeyFrame] = field(default_factory=list)
+    unit: str = "pairs"
+    key_frames: list[KeyFrame] | None = field(default_factory=list)
     counts: Counter[str] = field(default_factory=Counter)
     skipped: dict[str, list[str]] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=lambda: defaultdict(float))
     partial: bool = False
+
+    @property
+    def used(self) -> int:
+        """Pairs or scans that got a pose."""
+        return self.counts[f"{self.unit} used"]
+
+    def each(
+        self, items: Iterable[T], total: int, progress: Progress, interrupted: Interrupted
+    ) -> Iterator[T]:
+        """The items one by one; what is done between two of them counts as time of mapping.
+
+        progress(done, total) is told after every one; when `interrupted()` turns true the run
+        ends there, marked partial.
+        """
+        for done, item in enumerate(items, start=1):
+            if interrupted():
+                self.partial = True
+                return
+            start = time.perf_counter()
+            yield item
+            self.seconds["mapping"] += time.perf_counter() - start
+            progress(done, total)
 
 
 @dataclass(frozen=True)
@@ -68,13 +100,10 @@ def map_recording(
     settings: Settings,
     seed: int = 0,
     threads: int = 1,
-    progress: Callable[[int, int], None] = lambda done, total: None,
-    interrupted: Callable[[], bool] = lambda: False,
+    progress: Progress = lambda done, total: None,
+    interrupted: Interrupted = lambda: False,
 ) -> MapRun:
-    """Map a recording.
-
-    progress(done, total) is called after every pair; when `interrupted()` turns true the run
-    ends with what it has, marked partial.
+    """Map a recording; `progress` and `interrupted` as in `MapRun.each`.
 
     Raises:
         InputError: images and rig do not fit, or no pair can be used.
@@ -95,14 +124,8 @@ def map_recording(
 
     total = len(recording.pairs)
     steps = _steps(recording, motion, mapper.gate)
-    for done, (step, seen) in enumerate(ahead(steps, work, threads), start=1):
-        if interrupted():
-            run.partial = True
-            break
-        start = time.perf_counter()
+    for step, seen in run.each(ahead(steps, work, threads), total, progress, interrupted):
         _take(step, seen, run)
-        run.seconds["mapping"] += time.perf_counter() - start
-        progress(done, total)
     if not run.counts["observations"] and not run.partial:
         raise InputError(f"{recording.path}: none of {total} pairs could be used: {_why(run)}")
     mapper.finish()
@@ -143,7 +166,7 @@ def _take(step: Step, seen: Observation | None, run: MapRun) -> None:
         return
     run.counts["observations"] += 1
     run.mapper.observe(seen.scan)
-    if seen.points is not None and seen.colours is not None:
+    if run.key_frames is not None and seen.points is not None and seen.colours is not None:
         run.key_frames.append(KeyFrame(len(run.mapper.stamps) - 1, seen.points, seen.colours))
 
 

@@ -15,6 +15,7 @@ from calibration.yamlfile import YamlFileError, dump_yaml, parse_yaml, read_yaml
 from mapping.settings import MappingSettings
 from odometry.settings import OdometrySettings
 from pipeline.errors import InputError
+from pipeline.recordings.laser import LaserSettings
 from stereo.settings import StereoSettings
 
 
@@ -22,23 +23,32 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Every value that decides the result, beside the input and the seed."""
 
     stereo: StereoSettings = msgspec.field(default_factory=StereoSettings)
+    laser: LaserSettings = msgspec.field(default_factory=LaserSettings)
     odometry: OdometrySettings = msgspec.field(default_factory=OdometrySettings)
     mapping: MappingSettings = msgspec.field(default_factory=MappingSettings)
 
 
-def load_settings(path: Path | None, overrides: tuple[str, ...] = ()) -> Settings:
-    """Defaults, then the file, then each `stage.key=value` of `overrides`.
+def load_settings(
+    path: Path | None,
+    overrides: tuple[str, ...] = (),
+    suggested: dict[str, dict[str, Any]] | None = None,
+) -> Settings:
+    """Defaults, what a log `suggested` of itself, the file, then `overrides` (stage.key=value).
 
     Raises:
         InputError: an unknown or ill-typed key; names it, where it stands and what is allowed.
     """
-    data: Any = {}
+    data: Any = suggested or {}
     if path is not None:
         try:
-            data = read_yaml(path) or {}
+            chosen = read_yaml(path) or {}
         except YamlFileError as error:
             raise InputError(str(error)) from None
-        check(data, str(path))
+        check(chosen, str(path))
+        data = {
+            stage: {**(data.get(stage) or {}), **(chosen.get(stage) or {})}
+            for stage in {**data, **chosen}
+        }
     for override in overrides:
         where = f"--set {override}"
         key, equals, text = override.partition("=")

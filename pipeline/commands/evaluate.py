@@ -11,6 +11,7 @@ import click
 if TYPE_CHECKING:
     from pipeline.evaluate_map import MapScore
     from pipeline.evaluate_path import PathScore
+    from pipeline.evaluate_relations import RelationScore
 
 as_json = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 
@@ -45,6 +46,22 @@ def map_(generated: str, ideal: str, as_json: bool) -> None:
 
     score = evaluate_map_files(generated, ideal)
     click.echo(_json(_map_fields(score)) if as_json else _map_text(score))
+
+
+@evaluate.command()
+@click.argument("estimate", metavar="EST.tum", type=click.Path())
+@click.argument("relations", metavar="FILE.relations", type=click.Path())
+@as_json
+def relations(estimate: str, relations: str, as_json: bool) -> None:
+    """Errors of a path in hand-made relations between places (Kuemmerle et al. 2009).
+
+    FILE.relations holds lines 't1 t2 x y z roll pitch yaw': the true pose at t2 seen from that at
+    t1. The times must stand in EST.tum exactly; those that do not are counted and named.
+    """
+    from pipeline.evaluate_relations import evaluate_relation_files
+
+    score = evaluate_relation_files(estimate, relations)
+    click.echo(_json(_relation_fields(score)) if as_json else _relation_text(score))
 
 
 def _path_fields(score: PathScore) -> dict[str, Any]:
@@ -112,6 +129,41 @@ def _map_text(score: MapScore) -> str:
             f"alignment       x {x:+.3f} m, y {y:+.3f} m, turn {math.degrees(turn):+.2f} deg",
         ]
     )
+
+
+def _relation_fields(score: RelationScore) -> dict[str, Any]:
+    return {
+        "relations": score.relations,
+        "scored": score.scored,
+        "scored_share": score.scored / score.relations,
+        "missing": score.missing,
+        "damaged_lines": score.damaged,
+        "translation_mean_m": score.translation,
+        "translation_sd_m": score.translation_sd,
+        "translation_max_m": score.translation_max,
+        "rotation_mean_deg": math.degrees(score.rotation),
+        "rotation_sd_deg": math.degrees(score.rotation_sd),
+        "rotation_max_deg": math.degrees(score.rotation_max),
+    }
+
+
+def _relation_text(score: RelationScore) -> str:
+    from pipeline.recordings.base import counted
+
+    fields = _relation_fields(score)
+    lines = [
+        f"scored          {score.scored} of {score.relations} relations "
+        f"({fields['scored_share']:.1%})",
+        f"translation     {score.translation:.4f} ± {score.translation_sd:.4f} m "
+        f"(max {score.translation_max:.3f})",
+        f"rotation        {fields['rotation_mean_deg']:.3f} ± {fields['rotation_sd_deg']:.3f} deg "
+        f"(max {fields['rotation_max_deg']:.2f})",
+    ]
+    if score.missing:
+        lines.append(f"missing         {counted(score.missing)}: their times are not in the path")
+    if score.damaged:
+        lines.append(f"damaged         {counted(score.damaged)}: not 8 numbers")
+    return "\n".join(lines)
 
 
 def _json(fields: dict[str, Any]) -> str:

@@ -14,9 +14,7 @@ import click
 from pipeline.errors import InputError
 
 if TYPE_CHECKING:
-    from calibration.rig import StereoRig
-    from odometry.source import MotionSource
-    from pipeline.recordings.base import Recording
+    from pipeline.job import Job
     from pipeline.run import MapRun
     from pipeline.settings import Settings
 
@@ -31,9 +29,12 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--motion",
-    default="encoders",
-    show_default=True,
-    help="encoders, poses (the recording's own) or poses:FILE.tum",
+    help="encoders (the default), poses (the recording's own) or poses:FILE.tum",
+)
+@click.option(
+    "--method",
+    type=click.Choice(["hierarchical", "per-scan"]),
+    help="what feeds the filter: as --set mapping.method=...",
 )
 @click.option("--settings", "settings_file", type=click.Path(path_type=Path), help="YAML settings")
 @click.option("--set", "overrides", multiple=True, metavar="STAGE.KEY=VALUE", help="one setting")
@@ -46,7 +47,8 @@ def map_command(
     recording: Path,
     output: Path,
     rig: Path | None,
-    motion: str,
+    motion: str | None,
+    method: str | None,
     settings_file: Path | None,
     overrides: tuple[str, ...],
     seed: int,
@@ -55,70 +57,85 @@ def map_command(
     force: bool,
     quiet: bool,
 ) -> None:
-    """Map the recording INPUT: image pairs and motion in, a map and a path out.
+    """Map INPUT, a recording or a scan log: a map and a path come out.
 
-    INPUT is an EuRoC/ASL folder, a KITTI odometry folder, or a folder with left/ and right/.
-    Ctrl-C ends the run early with the results so far.
+    A recording is an EuRoC/ASL folder, a KITTI odometry folder, or a folder with left/ and
+    right/. A scan log is a CARMEN log of laser scans with odometry (.log, .clf, also .gz, .bz2,
+    .xz); the true path beside it (LOG's name, .tum) comes along. Ctrl-C ends the run early with
+    the results so far.
     """
     from pipeline.folders import check_target, new_folder
-    from pipeline.motion import choose_motion
-    from pipeline.recordings import open_recording
-    from pipeline.rig import choose_rig
-    from pipeline.settings import load_settings
 
     begin = time.perf_counter()
-    settings = load_settings(settings_file, overrides)
     check_target(output, force)
     if output.exists() and recording.resolve().is_relative_to(output.resolve()):
         raise InputError(f"{output}: holds the recording: choose another folder for the results")
-    opened = open_recording(recording, fps)
-    used_rig, notes = choose_rig(opened, rig)
-    source = choose_motion(motion, opened, used_rig, settings.odometry, seed)
+    if method is not None:
+        overrides = (*overrides, f"mapping.method={method}")
     threads = threads or os.cpu_count() or 1
+    job, settings = _prepare(recording, fps, rig, motion, settings_file, overrides, seed, threads)
     _use_threads(threads)
     if not quiet:
-        for note in notes:
+        for note in job.notes:
             click.echo(f"note: {note}", err=True)
     open3d = _Open3DLoading()
     with new_folder(output, force) as folder:
-        run = _run(opened, used_rig, source, settings, seed, threads, quiet, open3d)
+        run = _run(job, quiet, open3d)
         open3d.wait()
         facts = {
             "input": str(recording),
-            "format": opened.kind,
+            **job.facts(),
             "seed": seed,
-            "motion": motion,
-            "rig": str(rig) if rig else opened.rig_source,
-            "notes": notes,
+            "notes": job.notes,
             "threads": threads,
-            "recording": opened.skipped,
-            "odometry": source.report(),
+            "recording": job.skipped,
         }
         run.seconds["total"] = time.perf_counter() - begin
         from pipeline.results import write_results
 
         start = time.perf_counter()
-        summary = write_results(folder, run, settings, opened.poses, facts)
+        summary = write_results(folder, run, settings, job.truth, facts)
     if not quiet:
-        _print_summary(output, opened, run, summary, time.perf_counter() - start)
+        _print_summary(output, job, run, summary, time.perf_counter() - start)
     if run.partial:
         click.echo(f"beemap: interrupted: {output} holds the results so far", err=True)
         raise SystemExit(130)
 
 
-def _run(
-    recording: Recording,
-    rig: StereoRig,
-    source: MotionSource,
-    settings: Settings,
+def _prepare(
+    path: Path,
+    fps: float | None,
+    rig: Path | None,
+    motion: str | None,
+    settings_file: Path | None,
+    overrides: tuple[str, ...],
     seed: int,
     threads: int,
-    quiet: bool,
-    open3d: _Open3DLoading,
-) -> MapRun:
+) -> tuple[Job, Settings]:
+    """Open the input; the job with its settings."""
+    from pipeline.job import log_job, recording_job
+    from pipeline.recordings import open_input
+    from pipeline.recordings.scan_log import ScanLog
+    from pipeline.settings import load_settings
+
+    if path.is_file():
+        for option, value in (("--rig", rig), ("--motion", motion), ("--fps", fps)):
+            if value is not None:
+                raise InputError(
+                    f"{path}: is a scan log, which holds its own odometry and needs no {option}: "
+                    "leave it out"
+                )
+    opened = open_input(path, fps)
+    if isinstance(opened, ScanLog):
+        settings = load_settings(settings_file, overrides, opened.suggested)
+        return log_job(opened, settings, seed), settings
+    settings = load_settings(settings_file, overrides)
+    return recording_job(opened, rig, motion or "encoders", settings, seed, threads), settings
+
+
+def _run(job: Job, quiet: bool, open3d: _Open3DLoading) -> MapRun:
     """Map with a progress bar; the first Ctrl-C asks the run to end, a second one breaks it."""
     from pipeline.progress import progress_bar
-    from pipeline.run import map_recording
 
     stop = threading.Event()
 
@@ -129,15 +146,13 @@ def _run(
 
     previous = signal.signal(signal.SIGINT, on_interrupt)
     try:
-        with progress_bar("mapping", "pairs", quiet) as show:
+        with progress_bar("mapping", job.unit, quiet) as show:
 
             def progress(done: int, total: int) -> None:
                 open3d.check()
                 show(done, total)
 
-            return map_recording(
-                recording, rig, source, settings, seed, threads, progress, stop.is_set
-            )
+            return job.run(progress, stop.is_set)
     finally:
         signal.signal(signal.SIGINT, previous)
 
@@ -191,24 +206,25 @@ class _Open3DLoading:
 
 
 def _print_summary(
-    output: Path, recording: Recording, run: MapRun, summary: dict[str, Any], writing: float
+    output: Path, job: Job, run: MapRun, summary: dict[str, Any], writing: float
 ) -> None:
     from pipeline.recordings.base import counted
 
-    counts, seconds = summary["counts"], summary["seconds"]
-    pairs = max(counts.get("pairs used", 0), 1)
+    seconds = summary["seconds"]["total"] + writing
     click.echo(
-        f"{counts.get('pairs used', 0)} pairs, {counts.get('observations', 0)} observations, "
+        f"{run.used} {job.unit}, {run.counts['observations']} observations, "
         f"{summary['local_maps']} local maps, {summary['path_m']:.1f} m of path, "
-        f"{summary['known_m2']:.1f} m2 mapped in {seconds['total'] + writing:.1f} s "
-        f"({1000 * (seconds['total'] + writing) / pairs:.1f} ms a pair)"
+        f"{summary['known_m2']:.1f} m2 mapped in {seconds:.1f} s "
+        f"({1000 * seconds / max(run.used, 1):.1f} ms a {job.unit.removesuffix('s')})"
     )
-    for reasons in (recording.skipped, run.skipped):
+    for reasons in (job.skipped, run.skipped):
         for reason, names in reasons.items():
             click.echo(f"skipped: {reason}: {counted(names)}")
-    for key, value in summary["odometry"].items():
+    for key, value in summary.get("odometry", {}).items():
         if value and key.startswith(("ticks_", "tick_gaps", "longest", "poses_skipped")):
             click.echo(f"odometry: {key.replace('_', ' ')}: {value:g}")
+    for line in summary["health"]:
+        click.echo(f"health: {line}")
     click.echo(
         f"results: {output}{os.sep} (open map.png; map.yaml for ROS, trajectory.tum for evo)"
     )

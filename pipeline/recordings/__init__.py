@@ -1,4 +1,4 @@
-"""Recordings: one file per format, recognised from the path."""
+"""Recordings and scan logs: one file per format, recognised from the path."""
 
 from __future__ import annotations
 
@@ -6,6 +6,20 @@ from pathlib import Path
 
 from pipeline.errors import InputError
 from pipeline.recordings.base import Recording
+from pipeline.recordings.scan_log import ENDINGS, ScanLog
+
+
+def open_input(path: Path, fps: float | None = None) -> Recording | ScanLog:
+    """Open what lies at the path: a file is a scan log, a folder a recording.
+
+    Raises:
+        InputError: it is neither; see `open_recording` and `carmen.read_carmen`.
+    """
+    from pipeline.recordings.carmen import read_carmen
+
+    if path.is_file() or (path.suffix.lower() in ENDINGS and not path.is_dir()):
+        return read_carmen(path)
+    return open_recording(path, fps)
 
 
 def open_recording(path: str | Path, fps: float | None = None) -> Recording:

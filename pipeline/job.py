@@ -1,0 +1,103 @@
+"""What `beemap map` is asked to do, made ready to run: a recording, or a scan log."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from odometry.walk import LEAP, leaps
+from pipeline.motion import choose_motion
+from pipeline.recordings.base import Recording
+from pipeline.recordings.scan_log import ODDITIES, ScanLog
+from pipeline.rig import choose_rig
+from pipeline.run import Interrupted, MapRun, Progress, map_recording
+from pipeline.run_log import map_log
+from pipeline.settings import Settings
+from pipeline.trajectory import Trajectory, read_tum
+
+
+@dataclass(frozen=True)
+class Job:
+    """A run to be made.
+
+    unit: what the input consists of; notes: what the user must hear before; skipped: what was
+    passed over when the input was opened; facts(): what run.json says of it, asked afterwards.
+    """
+
+    unit: str
+    run: Callable[[Progress, Interrupted], MapRun]
+    facts: Callable[[], dict[str, Any]]
+    notes: list[str]
+    skipped: dict[str, list[str]]
+    truth: Trajectory | None
+
+
+def recording_job(
+    recording: Recording,
+    rig_file: Path | None,
+    motion: str,
+    settings: Settings,
+    seed: int,
+    threads: int,
+) -> Job:
+    """A recording with the rig and the motion that the user chose.
+
+    Raises:
+        InputError, RigError: rig or motion are missing or wrong.
+    """
+    rig, notes = choose_rig(recording, rig_file)
+    source = choose_motion(motion, recording, rig, settings.odometry, seed)
+
+    def run(progress: Progress, interrupted: Interrupted) -> MapRun:
+        return map_recording(recording, rig, source, settings, seed, threads, progress, interrupted)
+
+    def facts() -> dict[str, Any]:
+        return {
+            "format": recording.kind,
+            "motion": motion,
+            "rig": str(rig_file) if rig_file else recording.rig_source,
+            "odometry": source.report(),
+        }
+
+    return Job("pairs", run, facts, notes, recording.skipped, recording.poses)
+
+
+def log_job(log: ScanLog, settings: Settings, seed: int) -> Job:
+    """A scan log, with the truth that lies beside it.
+
+    Raises:
+        InputError: that truth cannot be read.
+    """
+    notes = []
+    if log.suggested:
+        told = (
+            f"{stage}.{key} {value:g}" if isinstance(value, float) else f"{stage}.{key} {value}"
+            for stage, values in log.suggested.items()
+            for key, value in values.items()
+        )
+        notes.append("the log says of itself: " + ", ".join(told))
+    odd = [f"{log.counts[what]} {what}" for what in ODDITIES if log.counts[what]]
+    if odd:
+        notes.append(f"{', '.join(odd)}: scans are taken as they stand, in the file's order")
+    if leaped := int(leaps(log.odometry).sum()):
+        notes.append(f"{leaped} leaps of odometry over {LEAP:g} m: taken as standing still")
+
+    def facts() -> dict[str, Any]:
+        return {
+            "format": log.kind,
+            "log": dict(log.counts),
+            "suggested": log.suggested,
+            "truth": str(log.truth_file) if log.truth_file else None,
+        }
+
+    truth = read_tum(log.truth_file) if log.truth_file else None
+    return Job(
+        "scans",
+        lambda progress, interrupted: map_log(log, settings, seed, progress, interrupted),
+        facts,
+        notes,
+        log.skipped,
+        truth,
+    )

@@ -1,0 +1,36 @@
+"""The main job for scan logs: they enter after the stereo stage."""
+
+from __future__ import annotations
+
+from mapping.mapper import HierarchicalMapper
+from odometry.walk import walk
+from pipeline.recordings.scan_log import ScanLog
+from pipeline.run import Interrupted, MapRun, Progress
+from pipeline.settings import Settings
+
+
+def map_log(
+    log: ScanLog,
+    settings: Settings,
+    seed: int = 0,
+    progress: Progress = lambda done, total: None,
+    interrupted: Interrupted = lambda: False,
+) -> MapRun:
+    """Map a scan log; `progress` and `interrupted` as in `MapRun.each`.
+
+    Every scan gets a pose, in the order of the file; those that the gate lets through are seen
+    by the mapper.
+    """
+    mapper = HierarchicalMapper(settings.mapping, seed)
+    run = MapRun(mapper, unit="scans", key_frames=None)
+    scans = log.taken(settings.laser, settings.mapping.max_range)
+    motions = enumerate(walk(log.stamps, log.odometry, settings.odometry))
+    for index, motion in run.each(motions, len(log), progress, interrupted):
+        due = mapper.gate.step(motion.increment)
+        mapper.move(motion)
+        run.counts["scans used"] += 1
+        if due:
+            run.counts["observations"] += 1
+            mapper.observe(scans[index])
+    mapper.finish()
+    return run
