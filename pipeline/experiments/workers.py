@@ -1,0 +1,126 @@
+"""Many tasks in several processes; one that fails or dies takes only its own task with it.
+
+Processes are spawned: numba's OpenMP layer aborts after a fork.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+from collections import deque
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from multiprocessing import connection
+from typing import Any, TypeVar
+
+T = TypeVar("T")
+R = TypeVar("R")
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Why a task has no result, in one line."""
+
+    reason: str
+
+
+def run_tasks(
+    tasks: Sequence[T], work: Callable[[T], R], jobs: int, threads: int = 1
+) -> Generator[tuple[T, R | Failure]]:
+    """Yield (task, work(task)) as they finish, from `jobs` processes of `threads` threads each.
+
+    work: a function of a module; tasks and results are pickled. When the generator is closed, or
+    the program interrupted, the processes are ended at once.
+    """
+    waiting = deque(tasks)
+    workers: list[_Worker] = []
+    busy: dict[connection.Connection, tuple[_Worker, T]] = {}
+
+    def give(worker: _Worker) -> None:
+        if waiting:
+            task = waiting.popleft()
+            worker.pipe.send(task)
+            busy[worker.pipe] = (worker, task)
+
+    try:
+        with _limited(threads):
+            workers.extend(_Worker(work) for _ in range(min(jobs, len(tasks))))
+            for worker in workers:
+                give(worker)
+            while busy:
+                for pipe in connection.wait(list(busy)):
+                    worker, task = busy.pop(pipe)  # type: ignore[index]
+                    try:
+                        result = worker.pipe.recv()
+                    except (EOFError, OSError):
+                        result = Failure(f"its process {worker.end()}")
+                        workers.remove(worker)
+                        worker = _Worker(work)
+                        workers.append(worker)
+                    give(worker)
+                    yield task, result
+    finally:
+        for worker in workers:
+            worker.process.terminate()
+        for worker in workers:
+            worker.process.join()
+
+
+class _Worker:
+    """A process that takes tasks from a pipe until it is ended."""
+
+    def __init__(self, work: Callable[[Any], Any]):
+        context = multiprocessing.get_context("spawn")
+        self.pipe, its_end = context.Pipe()
+        self.process = context.Process(target=_serve, args=(its_end, work), daemon=True)
+        self.process.start()
+        its_end.close()
+
+    def end(self) -> str:
+        """How it ended, after it has died."""
+        self.process.join()
+        code = self.process.exitcode or 0
+        if code < 0:
+            return f"was killed by {signal.Signals(-code).name} (out of memory?)"
+        return f"ended with code {code}"
+
+
+def _serve(pipe: connection.Connection, work: Callable[[Any], Any]) -> None:
+    # Ctrl-C reaches the whole group of processes; the parent decides what becomes of it.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    while True:
+        try:
+            task = pipe.recv()
+        except EOFError:
+            return
+        try:
+            result = work(task)
+        except Exception as error:
+            result = Failure(" ".join(f"{type(error).__name__}: {error}".split()))
+        pipe.send(result)
+
+
+@contextmanager
+def _limited(threads: int) -> Iterator[None]:
+    """An environment in which each process uses so many threads, set before numpy is loaded."""
+    limits = {
+        "NUMBA_NUM_THREADS": str(threads),
+        "OMP_NUM_THREADS": str(threads),
+        "OPENBLAS_NUM_THREADS": "1",
+        "OMP_WAIT_POLICY": "PASSIVE",
+    }
+    # As in `beemap map`: on Linux GNU OpenMP is always there.
+    if hasattr(os, "sched_getaffinity"):
+        limits["NUMBA_THREADING_LAYER"] = "omp"
+    before = {name: os.environ.get(name) for name in limits}
+    os.environ.update(limits)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
