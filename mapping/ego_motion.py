@@ -14,102 +14,153 @@ lies where D is low and pulls at little.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
-from mapping.density_kernels import add_hits, climb, score
-from odometry.motion import Motion, inverse
+from mapping.density_kernels import accumulate, bumps, climb, curvature, joined
+from odometry.motion import Motion, compose, inverse
 from stereo.scan import RangeScan
 
-REMEMBERED = 10  # scans that make up the density
-# Neighbouring columns share their errors: every other one is enough, and a hit counts as this
-# share of an independent measurement.
-COLUMNS = 2
-KAPPA = 0.15
+REMEMBERED = 20  # scans that make up the density
+# Hits closer than this are thinned out [rad].
+LEAST_SPACING = np.radians(0.5)
+# Neighbouring hits closer than this [m] lie on one surface, which is drawn between them: single
+# dots would attract the dots of the next scan, which the robot takes along.
+ONE_SURFACE = 0.5
 # Resolution of the density and least doubt of a hit in it, in cells of the map.
-RESOLUTION = 0.8
-SMOOTHING = 0.8
+RESOLUTION = 0.4
+SMOOTHING = 0.3
 # First steps of the search along x and y [cells of the map] and theta [rad]; halved down to
 # LAST_STEP of them.
 FIRST_STEP = (0.4, 0.4, np.radians(0.5))
 LAST_STEP = 0.03
 MIN_HITS = 15
 # Keeps the information of odometry finite in directions it claims to know exactly [m, m, rad].
+# Widths of the differences that measure curvature [m, m, rad].
+CURVATURE_WIDTH = np.array([0.01, 0.01, np.radians(0.25)])
+# The grid reaches so far beyond the hits, and further when it is drawn anew [m].
+MARGIN = 0.5
+TRAVEL = 2.0
 LEAST_DOUBT = np.array([1e-4, 1e-4, 2e-5])
 
 
-class EgoMotion:
-    """Turns the odometry between observations into matched motion; `cell` of the map [m]."""
+@dataclass(frozen=True)
+class _Remembered:
+    """An earlier scan on the grid: hits (n, 2) m, doubts (n,) m, where it was taken
+    from (2,) m, its share of the density."""
 
-    def __init__(self, cell: float) -> None:
+    points: np.ndarray
+    doubt: np.ndarray
+    eye: np.ndarray
+    cells: np.ndarray
+    values: np.ndarray
+
+
+class EgoMotion:
+    """Turns the odometry between observations into matched motion.
+
+    cell: of the map [m]; correlated: angle over which ranges share their errors [rad].
+
+    The density lies on a grid that stands still while the robot drives on it. It is drawn anew
+    around the robot when a scan reaches beyond it.
+    """
+
+    def __init__(self, cell: float, correlated: float) -> None:
+        self.correlated = correlated
         self.resolution = RESOLUTION * cell
         self.smoothing = SMOOTHING * cell
         self.first_step = np.array([FIRST_STEP[0] * cell, FIRST_STEP[1] * cell, FIRST_STEP[2]])
-        # Hits (n, 2) [m] and doubts (n,) [m] of the last scans, in the latest robot frame.
-        self._before: deque[tuple[np.ndarray, np.ndarray]] = deque(maxlen=REMEMBERED)
+        # Robot pose on the grid, and the last scans: hits (n, 2) there, their doubts, cells, values.
+        self._pose = np.zeros(3)
+        self._before: deque[_Remembered] = deque()
+        self._low = np.zeros(2)
+        self._density = np.zeros((0, 0))
+        self._layer = np.zeros((0, 0))
 
     def refine(self, scan: RangeScan, motion: Motion) -> Motion:
         """`motion` since the scan before, corrected by matching `scan` where it can be."""
-        points, doubt = hits(scan)
+        points, doubt, kappa = hits(scan, self.correlated)
+        prior = compose(self._pose, motion.increment)
+        self._reach(placed(prior, points))
         exact = not motion.covariance.any()
         if len(points) >= MIN_HITS and self._before and not exact:
-            motion = self._match(points, motion)
-        back = inverse(motion.increment)
-        for i, (earlier, doubts) in enumerate(self._before):
-            self._before[i] = (placed(back, earlier), doubts)
-        self._before.append((points, doubt))
+            motion = self._match(points, kappa, motion, prior)
+        self._pose = compose(self._pose, motion.increment)
+        surface, doubt = joined(points, doubt, ONE_SURFACE, self.resolution)
+        eye = compose(self._pose, np.array(scan.origin))[:2]
+        self._remember(placed(self._pose, surface), np.maximum(doubt, self.smoothing), eye)
         return motion
 
-    def _match(self, points: np.ndarray, motion: Motion) -> Motion:
-        information = np.linalg.inv(motion.covariance + np.diag(LEAST_DOUBT**2))
-        density, low = self._density(placed(motion.increment, points))
-        terms = (density, low[0], low[1], self.resolution, points, motion.increment)
-        best = climb(*terms, information, KAPPA, self.first_step, LAST_STEP)
-        gained = _curvature(lambda pose: score(*terms, information, KAPPA, pose), best)
-        covariance = _covariance(motion.covariance, gained - information)
-        return Motion(best, covariance, motion.first, motion.last)
+    def _match(
+        self, points: np.ndarray, kappa: float, motion: Motion, prior: np.ndarray
+    ) -> Motion:
+        turn = np.eye(3)
+        turn[:2, :2] = rotation(self._pose[2])
+        odometry = turn @ motion.covariance @ turn.T
+        information = np.linalg.inv(odometry + np.diag(LEAST_DOUBT**2))
+        grid = (self._density, self._low[0], self._low[1], self.resolution, points)
+        # The search must be able to leave a local maximum beside a poor prediction.
+        doubt = np.sqrt(np.diag(odometry))
+        first_step = np.maximum(self.first_step, doubt)
+        last_step = LAST_STEP * float(np.min(self.first_step / first_step))
+        best = climb(*grid, prior, information, kappa, first_step, last_step)
+        gained = curvature(*grid, kappa, best, CURVATURE_WIDTH)
+        covariance = turn.T @ _covariance(odometry, gained) @ turn
+        return Motion(compose(inverse(self._pose), best), covariance, motion.first, motion.last)
 
-    def _density(self, around: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Hit density (H, W) in the box around the points (n, 2), and its lower-left corner."""
-        margin = 10 * self.resolution
-        low = around.min(axis=0) - margin
-        columns, rows = np.ceil((around.max(axis=0) + margin - low) / self.resolution).astype(int)
-        density, layer = np.zeros((rows, columns)), np.zeros((rows, columns))
-        for earlier, doubt in self._before:
-            blurred = np.maximum(doubt, self.smoothing)
-            add_hits(density, layer, low[0], low[1], self.resolution, earlier, blurred)
-        return density, low
+    def _remember(self, points: np.ndarray, doubt: np.ndarray, eye: np.ndarray) -> None:
+        if len(self._before) == REMEMBERED:
+            oldest = self._before.popleft()
+            accumulate(self._density, oldest.cells, oldest.values, -1.0)
+        self._before.append(self._drawn(points, doubt, eye))
+
+    def _drawn(self, points: np.ndarray, doubt: np.ndarray, eye: np.ndarray) -> _Remembered:
+        cells, values = bumps(
+            self._layer, *self._low, self.resolution, points, eye, doubt, self.smoothing
+        )
+        accumulate(self._density, cells, values, 1.0)
+        return _Remembered(points, doubt, eye, cells, values)
+
+    def _reach(self, points: np.ndarray) -> None:
+        """Make sure that the grid holds the points (n, 2) of the scan that comes next."""
+        if not len(points):
+            return
+        low, high = points.min(axis=0) - MARGIN, points.max(axis=0) + MARGIN
+        rows, columns = self._density.shape
+        top = self._low + self.resolution * np.array([columns, rows])
+        if (low >= self._low).all() and (high <= top).all():
+            return
+        self._low = low - TRAVEL
+        columns, rows = np.ceil((high + TRAVEL - self._low) / self.resolution).astype(int)
+        self._density, self._layer = np.zeros((rows, columns)), np.zeros((rows, columns))
+        self._before = deque(self._drawn(scan.points, scan.doubt, scan.eye) for scan in self._before)
 
 
-def hits(scan: RangeScan) -> tuple[np.ndarray, np.ndarray]:
-    """Every other hit of a scan in the robot's frame, (n, 2) m, and its doubt (n,) m."""
-    r, angle, sigma = (a[::COLUMNS] for a in (scan.range, scan.bearing, scan.sigma))
+def hits(scan: RangeScan, correlated: float) -> tuple[np.ndarray, np.ndarray, float]:
+    """Hits of a scan in the robot's frame, (n, 2) m, their doubt (n,) m, and kappa: the share of
+    an independent measurement that each of them is."""
+    spacing = scan.spacing
+    stride = max(1, round(LEAST_SPACING / spacing)) if spacing > 0.0 else 1
+    r, angle, sigma = (a[::stride] for a in (scan.range, scan.bearing, scan.sigma))
     # A wall about max_range away shows only those ranges that came out short: it would seem to
     # move along with the robot.
     seen = np.isfinite(r) & (r + 2.0 * np.nan_to_num(sigma) < scan.max_range)
     r, angle = r[seen], angle[seen]
     points = np.stack([r * np.cos(angle), r * np.sin(angle)], axis=1)
-    return placed(np.array(scan.origin), points), sigma[seen]
+    kappa = min(1.0, stride * spacing / correlated)
+    return placed(np.array(scan.origin), points), sigma[seen], kappa
 
 
 def placed(pose: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Points (n, 2) of the frame that stands at `pose` (3,)."""
-    c, s = np.cos(pose[2]), np.sin(pose[2])
-    return points @ np.array([[c, s], [-s, c]]) + pose[:2]
+    return points @ rotation(pose[2]).T + pose[:2]
 
 
-def _curvature(f: Callable[[np.ndarray], float], at: np.ndarray) -> np.ndarray:
-    """Negative Hessian (3, 3) of `f` by central differences."""
-    h = np.array([0.01, 0.01, np.radians(0.25)])
-    H = np.zeros((3, 3))
-    for i in range(3):
-        for j in range(i, 3):
-            a, b = np.zeros(3), np.zeros(3)
-            a[i], b[j] = h[i], h[j]
-            rise = f(at + a + b) - f(at + a - b) - f(at - a + b) + f(at - a - b)
-            H[i, j] = H[j, i] = rise / (4.0 * h[i] * h[j])
-    return -H
+def rotation(angle: float) -> np.ndarray:
+    """Matrix (2, 2) that turns by an angle [rad]."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s], [s, c]])
 
 
 def _covariance(odometry: np.ndarray, gained: np.ndarray) -> np.ndarray:

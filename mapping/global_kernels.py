@@ -2,6 +2,8 @@
 
 Both visit global cells and look up the local cell under their centre (inverse mapping): no
 holes, no cell twice. Particles are independent, so the result does not depend on the threads.
+
+Cell coordinates run in fixed point: a whole row of a tile costs one multiplication.
 """
 
 from __future__ import annotations
@@ -16,16 +18,32 @@ from mapping.tiles import NO_TILE, TILE, UNKNOWN
 # Bits of a local map's cell.
 OBSERVED, OCCUPIED, FREE, NEAR_OCCUPIED, POSSIBLE = 1, 2, 4, 8, 16
 
+# Tiles are visited in square blocks, most of which the local map does not reach. A block's
+# cells lie within so many cells of the one under its centre, however it is turned.
+BLOCK = 8
+AROUND = 6
+_ONE = 1 << 32
+
+# The number of a single set bit among 32 (Leiserson, Prokop and Randall 1998).
+_DE_BRUIJN = 0x077CB531
+_BIT_NUMBER = np.zeros(32, np.int64)
+_BIT_NUMBER[[((_DE_BRUIJN << n) & 0xFFFFFFFF) >> 27 for n in range(32)]] = np.arange(32)
+
 
 @njit(cache=True, nogil=True)
-def _local_cells(pose, row, column, cell, x0, y0):
-    """Local cell coordinates of a tile's first cell centre, and their steps along x and y."""
+def _placed(pose, row, column, cell, x0, y0):
+    """Fixed-point local cell coordinates of a tile's first cell centre, and cos, sin."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
     dx = (column * TILE + 0.5) * cell - pose[0]
     dy = (row * TILE + 0.5) * cell - pose[1]
     u = (c * dx + s * dy - x0) / cell
     v = (-s * dx + c * dy - y0) / cell
-    return u, v, c, s
+    return (
+        np.int64(math.floor(u * _ONE)),
+        np.int64(math.floor(v * _ONE)),
+        np.int64(math.floor(c * _ONE)),
+        np.int64(math.floor(s * _ONE)),
+    )
 
 
 @njit(cache=True, nogil=True)
@@ -35,18 +53,18 @@ def _outside(u, v, c, s, shape):
     u2, v2 = u + s * (TILE - 1), v + c * (TILE - 1)
     u3, v3 = u1 + s * (TILE - 1), v1 + c * (TILE - 1)
     return (
-        max(u, u1, u2, u3) < 0.0
-        or max(v, v1, v2, v3) < 0.0
-        or min(u, u1, u2, u3) >= shape[1]
-        or min(v, v1, v2, v3) >= shape[0]
+        max(u, u1, u2, u3) < 0
+        or max(v, v1, v2, v3) < 0
+        or min(u, u1, u2, u3) >= shape[1] * _ONE
+        or min(v, v1, v2, v3) >= shape[0] * _ONE
     )
 
 
 @njit(cache=True, nogil=True, parallel=True)
-def match(tiles, table, corner, poses, local, x0, y0, cell, threshold):
+def match(obstacles, table, corner, poses, local, x0, y0, cell):
     """|S| and n of eq (8) for every particle, (N,) int64 and float64.
 
-    S: global obstacle cells (value > threshold) on a cell observed in the local map;
+    S: global obstacle cells (set bits of `obstacles`) on a cell observed in the local map;
     n: those of S on, or within the tolerance of, a local obstacle cell; those that are only
     within the doubt of one count half.
     """
@@ -60,18 +78,17 @@ def match(tiles, table, corner, poses, local, x0, y0, cell, threshold):
                 number = table[k, row, column]
                 if number == NO_TILE:
                     continue
-                u0, v0, c, s = _local_cells(
-                    poses[k], row + corner[0], column + corner[1], cell, x0, y0
-                )
+                u0, v0, c, s = _placed(poses[k], row + corner[0], column + corner[1], cell, x0, y0)
                 if _outside(u0, v0, c, s, local.shape):
                     continue
-                tile = tiles[number]
                 for i in range(TILE):
-                    for j in range(TILE):
-                        if tile[i, j] <= threshold:
-                            continue
-                        u = math.floor(u0 + c * j + s * i)
-                        v = math.floor(v0 - s * j + c * i)
+                    left = np.int64(obstacles[number, i])
+                    while left != 0:
+                        lowest = left & -left
+                        left ^= lowest
+                        j = _BIT_NUMBER[((lowest * _DE_BRUIJN) & 0xFFFFFFFF) >> 27]
+                        u = (u0 + c * j + s * i) >> 32
+                        v = (v0 - s * j + c * i) >> 32
                         if 0 <= u < local.shape[1] and 0 <= v < local.shape[0]:
                             bits = local[v, u]
                             if bits & OBSERVED:
@@ -85,64 +102,117 @@ def match(tiles, table, corner, poses, local, x0, y0, cell, threshold):
     return overlap, matched
 
 
+@njit(cache=True, nogil=True)
+def _reached(near, u0, v0, c, s, i, j):
+    """Whether the block that begins at cell (i, j) of a tile may hold a decided cell."""
+    half = BLOCK // 2
+    u = (u0 + c * (j + half) + s * (i + half)) >> 32
+    v = (v0 - s * (j + half) + c * (i + half)) >> 32
+    return 0 <= u < near.shape[1] and 0 <= v < near.shape[0] and near[v, u] != 0
+
+
 @njit(cache=True, nogil=True, parallel=True)
-def touched(table, corner, poses, local, x0, y0, cell):
-    """Which tiles (N, rows, columns) bool hold a cell that the local map has decided."""
+def touched(table, corner, poses, local, near, x0, y0, cell):
+    """Which tiles (N, rows, columns) bool hold a cell that the local map has decided.
+
+    near (H, W): not zero within AROUND cells of a decided one; the local map must have a margin
+    of as many undecided cells.
+    """
     particles, rows, columns = table.shape
     result = np.zeros((particles, rows, columns), np.bool_)
     for k in prange(particles):
         for row in range(rows):
             for column in range(columns):
-                u0, v0, c, s = _local_cells(
-                    poses[k], row + corner[0], column + corner[1], cell, x0, y0
-                )
+                u0, v0, c, s = _placed(poses[k], row + corner[0], column + corner[1], cell, x0, y0)
                 if not _outside(u0, v0, c, s, local.shape):
-                    result[k, row, column] = _any_decided(local, u0, v0, c, s)
+                    result[k, row, column] = _any_decided(local, near, u0, v0, c, s)
     return result
 
 
 @njit(cache=True, nogil=True)
-def _any_decided(local, u0, v0, c, s):
-    for i in range(TILE):
-        for j in range(TILE):
-            u = math.floor(u0 + c * j + s * i)
-            v = math.floor(v0 - s * j + c * i)
-            if (
-                0 <= u < local.shape[1]
-                and 0 <= v < local.shape[0]
-                and local[v, u] & (OCCUPIED | FREE)
-            ):
-                return True
+def _any_decided(local, near, u0, v0, c, s):
+    for i0 in range(0, TILE, BLOCK):
+        for j0 in range(0, TILE, BLOCK):
+            if not _reached(near, u0, v0, c, s, i0, j0):
+                continue
+            for i in range(i0, i0 + BLOCK):
+                for j in range(j0, j0 + BLOCK):
+                    u = (u0 + c * j + s * i) >> 32
+                    v = (v0 - s * j + c * i) >> 32
+                    if (
+                        0 <= u < local.shape[1]
+                        and 0 <= v < local.shape[0]
+                        and local[v, u] & (OCCUPIED | FREE)
+                    ):
+                        return True
     return False
 
 
 @njit(cache=True, nogil=True, parallel=True)
-def update(tiles, table, corner, needed, poses, local, x0, y0, cell, occupied_step, free_step):
-    """Add eq (1) at the local map's obstacle cells and eq (2) at its free ones, in place."""
+def update(
+    tiles,
+    obstacles,
+    table,
+    corner,
+    needed,
+    poses,
+    local,
+    near,
+    x0,
+    y0,
+    cell,
+    occupied_step,
+    free_step,
+    threshold,
+):
+    """Add eq (1) at the local map's obstacle cells and eq (2) at its free ones, in place.
+
+    A cell above the threshold is an obstacle: its bit is set in `obstacles`.
+    """
     particles, rows, columns = table.shape
+    steps = np.zeros(32, np.int64)
+    for bits in range(32):
+        if bits & OCCUPIED:
+            steps[bits] = occupied_step
+        elif bits & FREE:
+            steps[bits] = free_step
     for k in prange(particles):
         for row in range(rows):
             for column in range(columns):
                 if not needed[k, row, column]:
                     continue
-                u0, v0, c, s = _local_cells(
-                    poses[k], row + corner[0], column + corner[1], cell, x0, y0
-                )
-                tile = tiles[table[k, row, column]]
-                for i in range(TILE):
-                    for j in range(TILE):
-                        u = math.floor(u0 + c * j + s * i)
-                        v = math.floor(v0 - s * j + c * i)
-                        if not (0 <= u < local.shape[1] and 0 <= v < local.shape[0]):
-                            continue
-                        bits = local[v, u]
-                        if bits & OCCUPIED:
-                            step = occupied_step
-                        elif bits & FREE:
-                            step = free_step
-                        else:
-                            continue
-                        value = np.int64(tile[i, j])
-                        if value == UNKNOWN:
-                            value = 0
-                        tile[i, j] = np.int8(min(max(value + step, -127), 127))
+                u0, v0, c, s = _placed(poses[k], row + corner[0], column + corner[1], cell, x0, y0)
+                number = table[k, row, column]
+                tile, marks = tiles[number], obstacles[number]
+                for i0 in range(0, TILE, BLOCK):
+                    for j0 in range(0, TILE, BLOCK):
+                        if _reached(near, u0, v0, c, s, i0, j0):
+                            _update_block(
+                                tile, marks, local, u0, v0, c, s, i0, j0, steps, threshold
+                            )
+
+
+@njit(cache=True, nogil=True)
+def _update_block(tile, marks, local, u0, v0, c, s, i0, j0, steps, threshold):
+    rows, columns = local.shape
+    for i in range(i0, i0 + BLOCK):
+        u = u0 + c * j0 + s * i
+        v = v0 - s * j0 + c * i
+        mark = marks[i]
+        for j in range(j0, j0 + BLOCK):
+            row, column = v >> 32, u >> 32
+            u += c
+            v -= s
+            if not (0 <= row < rows and 0 <= column < columns):
+                continue
+            step = steps[local[row, column]]
+            if step == 0:
+                continue
+            value = np.int64(tile[i, j])
+            if value == UNKNOWN:
+                value = np.int64(0)
+            value = min(max(value + step, -127), 127)
+            tile[i, j] = np.int8(value)
+            bit = np.uint32(1) << np.uint32(j)
+            mark = mark | bit if value > threshold else mark & ~bit
+        marks[i] = mark

@@ -1,8 +1,9 @@
-"""The inner loops of stage 1: what one observation says about each cell of a local map.
+"""The inner loops of stage 1: what a window of observations says about the cells around the robot.
 
-A stereo range has a doubt that grows with its square. An obstacle is therefore *possible* in all
-cells within HIT_WITHIN sigmas of its range; free space ends FREE_BEFORE sigmas before it. Left at
-that, far walls would come out thick: `thin` keeps the likeliest cells along the line of sight.
+Every beam walks through the cells it crosses (Amanatides and Woo 1987). A stereo range has a
+doubt that grows with its square: an obstacle is *possible* in all cells within HIT_WITHIN sigmas
+of the range, free space ends FREE_BEFORE sigmas before it. Left at that, far walls would come out
+thick: `thin` keeps the likeliest cells along the line of sight.
 """
 
 from __future__ import annotations
@@ -19,15 +20,19 @@ WITHIN_CELL = 0.29
 # Likeliness is compared this many cells to both sides along the line of sight.
 THIN_REACH = 3
 
+# What one observation says of a cell; DOUBTFUL: neither free nor hit.
+_FREE, _HIT, _DOUBTFUL = 1, 2, 3
+
 
 @njit(cache=True, nogil=True)
-def add_observation(
+def add_observations(
     grid,
     likely,
     x0,
     y0,
     cell,
-    sensor,
+    sensors,
+    first,
     bearing,
     ranges,
     sigma,
@@ -36,85 +41,133 @@ def add_observation(
     free_step,
     clamp,
 ):
-    """Add one scan to log-odds `grid` (H, W) in place; NaN cells start from P = 0.5.
+    """Add observations to log-odds `grid` (H, W) in place; NaN cells start from P = 0.5.
 
     likely (H, W): summed probability density [1/m] that the obstacle stands in the cell.
-    sensor: (3,) pose of the sensor in the grid's frame. Every cell looks up the beams that
-    cross it (no gaps between neighbouring beams) and is updated once: occupied beats free.
+    sensors: (m, 3) poses of the sensor in the grid's frame; beams first[k] to first[k + 1] of
+    bearing, ranges, sigma belong to observation k, as does max_range[k]. A cell is updated at
+    most once an observation: occupied beats free. The grid must hold all that the beams reach.
     """
-    sx, sy, theta = sensor
-    reach = 0.0
-    for i in range(ranges.size):
-        if ranges[i] == np.inf:
-            reach = max(reach, max_range)
-        elif ranges[i] == ranges[i]:
-            reach = max(reach, ranges[i] + 3.0 * sigma[i] + cell)
-    c, s = math.cos(theta), math.sin(theta)
-    rows, columns = grid.shape
-    first_row = max(0, int((sy - reach - y0) / cell))
-    last_row = min(rows, int((sy + reach - y0) / cell) + 1)
-    first_column = max(0, int((sx - reach - x0) / cell))
-    last_column = min(columns, int((sx + reach - x0) / cell) + 1)
-    n = bearing.size
-    half_gap = 0.5 * (bearing[n - 1] - bearing[0]) / max(n - 1, 1)
-    for row in range(first_row, last_row):
-        dy = y0 + (row + 0.5) * cell - sy
-        for column in range(first_column, last_column):
-            dx = x0 + (column + 0.5) * cell - sx
-            r = math.hypot(dx, dy)
-            if r > reach:
-                continue
-            ahead, left = c * dx + s * dy, -s * dx + c * dy
-            angle = math.atan2(left, ahead)
-            width = max(math.atan2(0.5 * cell, r), half_gap)
-            if angle + width < bearing[0] or angle - width > bearing[n - 1]:
-                continue
-            evidence, density = _cell_evidence(
-                angle, width, r, cell, bearing, ranges, sigma, max_range, occupied_step, free_step
-            )
-            likely[row, column] += density
-            if evidence != 0.0:
+    state = np.zeros(grid.shape, np.uint8)
+    density = np.zeros(grid.shape, np.float32)
+    beams = np.zeros(grid.shape, np.int32)
+    seen = np.empty(grid.size, np.int64)
+    columns = grid.shape[1]
+    for k in range(len(sensors)):
+        one = slice(first[k], first[k + 1])
+        number = _observe(
+            state,
+            density,
+            beams,
+            seen,
+            (sensors[k, 0] - x0) / cell,
+            (sensors[k, 1] - y0) / cell,
+            sensors[k, 2],
+            cell,
+            bearing[one],
+            ranges[one],
+            sigma[one],
+            max_range[k],
+        )
+        for n in range(number):
+            row, column = seen[n] // columns, seen[n] % columns
+            if beams[row, column] > 0:
+                likely[row, column] += density[row, column] / beams[row, column]
+                density[row, column], beams[row, column] = 0.0, 0
+            if state[row, column] == _HIT or state[row, column] == _FREE:
+                step = occupied_step if state[row, column] == _HIT else free_step
                 value = grid[row, column]
                 if value != value:
-                    value = 0.0
-                grid[row, column] = min(max(value + evidence, -clamp), clamp)
+                    value = np.float32(0.0)
+                grid[row, column] = min(max(value + step, -clamp), clamp)
+            state[row, column] = 0
 
 
 @njit(cache=True, nogil=True)
-def _cell_evidence(
-    angle, width, r, cell, bearing, ranges, sigma, max_range, occupied_step, free_step
+def _observe(
+    state, density, beams, seen, u0, v0, heading, cell, bearing, ranges, sigma, max_range
 ):
-    """What the beams within `width` of `angle` say of a cell at distance r.
+    """Walk all beams of one observation from cell coordinates (u0, v0); the number of cells seen.
 
-    Its step of log-odds (0: nothing) and the mean density [1/m] of an obstacle there.
+    Where beams lie further apart than a cell, the space between two of them is free up to the
+    nearer of both: a slanted wall must not be cleared, nor be drawn as a comb of arcs.
     """
-    hits, free, beams, density = 0, 0, 0, 0.0
-    for i in range(np.searchsorted(bearing, angle - width), bearing.size):
-        if bearing[i] > angle + width:
-            break
-        beams += 1
+    number = 0
+    near = 0.0  # where free space ends on the beam before; 0: it tells nothing
+    for i in range(bearing.size):
         z = ranges[i]
+        hit = z < np.inf
+        end = z / cell if hit else max_range / cell
+        doubt = sigma[i] / cell if hit else 0.0
+        free = end - max(FREE_BEFORE * doubt, 0.5) if hit else end
         if z != z:
+            near = 0.0
             continue
-        if z == np.inf:
-            if r < max_range:
-                free += 1
-            continue
-        off = abs(r - z)
-        doubt = math.hypot(sigma[i], WITHIN_CELL * cell)
-        if off < 3.0 * doubt:
-            density += math.exp(-0.5 * (off / doubt) ** 2) / doubt
-        if off < max(0.5 * cell, HIT_WITHIN * sigma[i]):
-            hits += 1
-        elif r < z - max(FREE_BEFORE * sigma[i], 0.5 * cell):
-            free += 1
-    if beams > 0:
-        density /= beams
-    if hits > 0:
-        return occupied_step, density
-    if 2 * free > beams:
-        return free_step, density
-    return 0.0, density
+        angle = heading + bearing[i]
+        number = _walk(state, density, beams, seen, number, u0, v0, angle, 0.0, end, free, hit, doubt, cell)
+        if i > 0:
+            gap = bearing[i] - bearing[i - 1]
+            until = min(near, free)
+            copies = math.ceil(gap * until - 1e-9)
+            for copy in range(1, copies):
+                # Nearer than that the two beams themselves leave no gap.
+                number = _walk(
+                    state, density, beams, seen, number, u0, v0, angle - gap * copy / copies,
+                    0.9 / gap, until, until, False, 0.0, cell,
+                )
+        near = free
+    return number
+
+
+@njit(cache=True, nogil=True)
+def _walk(
+    state, density, beams, seen, number, u0, v0, angle, start, end, free_until, hit, doubt, cell
+):
+    """One beam, free up to free_until; all lengths in cells."""
+    rows, columns = state.shape
+    c, s = math.cos(angle), math.sin(angle)
+    spread = math.hypot(doubt, WITHIN_CELL)
+    far = end + max(HIT_WITHIN * doubt, 3.0 * spread) if hit else end
+    u, v = u0 + start * c, v0 + start * s
+    column, row = math.floor(u), math.floor(v)
+    step_u, step_v = (1 if c > 0 else -1), (1 if s > 0 else -1)
+    # Way along the beam from one border to the next, and to the first one.
+    way_u = 1.0 / abs(c) if c != 0.0 else np.inf
+    way_v = 1.0 / abs(s) if s != 0.0 else np.inf
+    next_u = start + ((column + 1 - u) if c > 0 else (u - column)) * way_u if c != 0 else np.inf
+    next_v = start + ((row + 1 - v) if s > 0 else (v - row)) * way_v if s != 0 else np.inf
+    enter = start
+    while enter < far:
+        leave = min(next_u, next_v)
+        if 0 <= row < rows and 0 <= column < columns:
+            middle = 0.5 * (enter + min(leave, far))
+            off = middle - end
+            kind = 0
+            if hit and (enter <= end < leave or abs(off) < HIT_WITHIN * doubt):
+                kind = _HIT
+            elif middle < free_until:
+                kind = _FREE
+            in_doubt = hit and (abs(off) < 3.0 * spread or kind == _HIT)
+            if kind > 0 or in_doubt:
+                old = state[row, column]
+                if old == 0:
+                    seen[number] = row * columns + column
+                    number += 1
+                    state[row, column] = kind if kind > 0 else _DOUBTFUL
+                elif kind == _HIT or (kind == _FREE and old == _DOUBTFUL):
+                    state[row, column] = kind
+                if in_doubt:
+                    scaled = off / spread
+                    density[row, column] += math.exp(-0.5 * scaled * scaled) / (spread * cell)
+                    beams[row, column] += 1
+        enter = leave
+        if next_u < next_v:
+            column += step_u
+            next_u += way_u
+        else:
+            row += step_v
+            next_v += way_v
+    return number
 
 
 @njit(cache=True, nogil=True)

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mapping.gate import ObservationGate
-from mapping.local_kernels import add_observation, thin
+from mapping.local_kernels import add_observations, thin
 from mapping.sensor_model import CLAMP, SensorModel
 from mapping.settings import MappingSettings
 from odometry.motion import Motion, compose, inverse
@@ -29,6 +29,8 @@ class LocalMap:
     log_odds: (H, W) float32, row 0 = lowest y, NaN where nothing was observed;
     possible: (H, W) bool, where an obstacle may stand by the doubt of its range, thinned or not;
     origin: (x, y) of the lower-left corner of cell [0, 0] in the robot's latest frame [m];
+    points: (n, 2) hits in that frame that fall on obstacle cells [m]; kappa: the share of an
+    independent measurement that each of them is;
     motion: of the robot since the local map before; stamp: of the latest observation;
     observations: how many were fused; answered: mean share of bearings with an answer.
     """
@@ -37,6 +39,8 @@ class LocalMap:
     possible: np.ndarray
     origin: tuple[float, float]
     cell: float
+    points: np.ndarray
+    kappa: float
     motion: Motion
     stamp: int
     observations: int
@@ -56,6 +60,7 @@ class LocalMapper:
         self.gate = ObservationGate(
             self.settings.spacing, math.radians(self.settings.spacing_angle)
         )
+        self._full = 1 if self.settings.per_scan else self.settings.window
         self._motion: Motion | None = None
         self._window: list[tuple[np.ndarray, RangeScan]] = []
 
@@ -67,7 +72,7 @@ class LocalMapper:
         """Take in the scan of an observation; the local map when the window is full."""
         assert self._motion is not None, "move() comes before observe()"
         self._window.append((self._motion.increment, scan))
-        return self._close() if len(self._window) >= self.settings.window else None
+        return self._close() if len(self._window) >= self._full else None
 
     def add(self, scan: RangeScan, motion: Motion) -> LocalMap | None:
         """The whole stage in one call: move, and observe when the gate says so."""
@@ -82,19 +87,23 @@ class LocalMapper:
     def _close(self) -> LocalMap:
         motion = self._motion
         assert motion is not None
-        latest = inverse(motion.increment)
         scans = [scan for _, scan in self._window]
-        poses = [compose(latest, pose) for pose, _ in self._window]
-        blurred, likely, origin = draw(scans, poses, self.settings.cell, self.model)
-        eye = np.mean(
-            [compose(p, np.array(s.origin)) for p, s in zip(poses, scans, strict=True)], 0
-        )
-        above = self.model.occupied_above
+        poses = compose(inverse(motion.increment), np.array([pose for pose, _ in self._window]))
+        sensors = compose(poses, np.array([scan.origin for scan in scans]))
+        blurred, likely, origin = draw(scans, sensors, self.settings.cell, self.model)
+        above = self.model.local_occupied_above
+        thinned = blurred
+        # Ranges that claim to be exact have blurred nothing.
+        if any(np.nanmax(scan.sigma, initial=0.0) > 0.0 for scan in scans):
+            eye = sensors.mean(axis=0)
+            thinned = thin(blurred, likely, *origin, self.settings.cell, eye[0], eye[1], above)
         local = LocalMap(
-            log_odds=thin(blurred, likely, *origin, self.settings.cell, eye[0], eye[1], above),
+            log_odds=thinned,
             possible=blurred > above,
             origin=origin,
             cell=self.settings.cell,
+            points=_points_on(thinned > above, origin, self.settings.cell, scans, sensors),
+            kappa=min(1.0, scans[-1].spacing / math.radians(self.settings.correlated)),
             motion=motion,
             stamp=scans[-1].stamp,
             observations=len(scans),
@@ -106,47 +115,70 @@ class LocalMapper:
 
 
 def draw(
-    scans: list[RangeScan], poses: list[np.ndarray], cell: float, model: SensorModel
+    scans: list[RangeScan], sensors: np.ndarray, cell: float, model: SensorModel
 ) -> tuple[np.ndarray, np.ndarray, tuple[float, float]]:
-    """Fuse scans taken at robot poses (3,).
+    """Fuse scans taken from sensor poses (n, 3).
 
     Returns log-odds (H, W), the density (H, W) [1/m] of an obstacle in each cell, and the origin
     (x, y) of both.
     """
-    sensors = [compose(pose, np.array(s.origin)) for pose, s in zip(poses, scans, strict=True)]
-    low, high = _bounds(scans, sensors, cell)
+    first = np.cumsum([0] + [scan.range.size for scan in scans])
+    bearing, ranges, sigma = (
+        np.concatenate([getattr(scan, name) for scan in scans])
+        for name in ("bearing", "range", "sigma")
+    )
+    max_range = np.array([scan.max_range for scan in scans])
+    heading = np.repeat(sensors, np.diff(first), axis=0)
+    reach = np.where(np.isfinite(ranges), ranges + 3.0 * sigma, np.repeat(max_range, np.diff(first)))
+    reach = np.where(np.isnan(ranges), 0.0, reach)
+    low, high = _bounds(heading, heading[:, 2] + bearing, reach, cell)
     shape = tuple(int(n) for n in np.round((high - low) / cell)[::-1])
     grid = np.full(shape, np.nan, np.float32)
     likely = np.zeros(shape, np.float32)
-    for scan, sensor in zip(scans, sensors, strict=True):
-        add_observation(
-            grid,
-            likely,
-            low[0],
-            low[1],
-            cell,
-            sensor,
-            scan.bearing,
-            scan.range,
-            scan.sigma,
-            scan.max_range,
-            model.occupied_step,
-            model.free_step,
-            CLAMP,
-        )
+    add_observations(
+        grid,
+        likely,
+        low[0],
+        low[1],
+        cell,
+        sensors,
+        first,
+        bearing,
+        ranges,
+        sigma,
+        max_range,
+        model.occupied_step,
+        model.free_step,
+        CLAMP,
+    )
     return grid, likely, (float(low[0]), float(low[1]))
 
 
-def _bounds(scans: list[RangeScan], sensors: list[np.ndarray], cell: float):
-    """Corners of the box around all that the scans can touch, on multiples of the cell."""
-    corners = []
-    for scan, (x, y, theta) in zip(scans, sensors, strict=True):
-        reach = np.where(np.isfinite(scan.range), scan.range + 3.0 * scan.sigma, scan.max_range)
-        reach = np.where(np.isnan(scan.range), 0.0, reach)
-        angle = theta + scan.bearing
-        corners.append(np.stack([x + reach * np.cos(angle), y + reach * np.sin(angle)]))
-        corners.append(np.array([[x], [y]]))
-    points = np.concatenate(corners, axis=1)
-    low = (np.floor(points.min(axis=1) / cell) - 2) * cell
-    high = (np.ceil(points.max(axis=1) / cell) + 2) * cell
+def _points_on(
+    obstacles: np.ndarray,
+    origin: tuple[float, float],
+    cell: float,
+    scans: list[RangeScan],
+    sensors: np.ndarray,
+) -> np.ndarray:
+    """Hits (n, 2) of all scans that fall on obstacle cells (H, W): false ones mostly do not."""
+    points = []
+    for scan, sensor in zip(scans, sensors, strict=True):
+        hit = np.isfinite(scan.range)
+        angle = sensor[2] + scan.bearing[hit]
+        beam = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        points.append(sensor[:2] + scan.range[hit, None] * beam)
+    points = np.concatenate(points)
+    at = np.floor((points - origin) / cell).astype(np.int64)
+    return points[obstacles[at[:, 1], at[:, 0]]]
+
+
+def _bounds(
+    sensors: np.ndarray, angle: np.ndarray, reach: np.ndarray, cell: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Corners of the box around all beams, on multiples of the cell."""
+    x, y = sensors[:, 0] + reach * np.cos(angle), sensors[:, 1] + reach * np.sin(angle)
+    ends = np.concatenate([np.stack([x, y], axis=1), sensors[:, :2]])
+    low = (np.floor(ends.min(axis=0) / cell) - 2) * cell
+    high = (np.ceil(ends.max(axis=0) / cell) + 2) * cell
     return low, high

@@ -8,6 +8,8 @@ grid, path = mapper.finish()
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from mapping.ego_motion import EgoMotion
@@ -36,7 +38,10 @@ class HierarchicalMapper:
         self.odometry: list[np.ndarray] = []  # dead reckoning after each pair
         self.online: list[np.ndarray] = []  # the pose as it was known after each pair
         matched = self.settings.ego_motion == "matched"
-        self._ego_motion = EgoMotion(self.settings.cell) if matched else None
+        self._ego_motion = None
+        if matched:
+            correlated = math.radians(self.settings.correlated)
+            self._ego_motion = EgoMotion(self.settings.cell, correlated)
         self._since: Motion | None = None  # the observation before
         # Pairs that were observations, and where matched motion alone puts them.
         self._observed: list[int] = [0]

@@ -12,35 +12,33 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
-from mapping.global_kernels import (
-    FREE,
-    NEAR_OCCUPIED,
-    OBSERVED,
-    OCCUPIED,
-    POSSIBLE,
-    match,
-    touched,
-    update,
-)
+from mapping.global_kernels import match, touched, update
 from mapping.grid import OccupancyGrid
+from mapping.local_cells import LocalCells, classify
 from mapping.local_map import LocalMap
+from mapping.proposal import propose
 from mapping.sensor_model import SensorModel, probability
 from mapping.settings import MappingSettings
 from mapping.tiles import STEPS_PER_LOG_ODDS, TileMaps
 from odometry.motion import Motion, compose
 
 
+# Tells the uses of a run's seed from each other, and from those of the simulators.
+_MOTION_STREAM, _RESAMPLING_STREAM = 0xF1, 0xF2
+
+
 @dataclass(frozen=True)
 class FilterHealth:
-    """How one step of the filter went; `overlap` (|S|) and `matched` (n / |S|) of the best."""
+    """How one step of the filter went; `overlap` (|S|) and `matched` (n / |S|) of the best;
+    `recovered`: all weights had vanished and were set equal."""
 
     stamp: int
     observations: int
     n_eff: float
     resampled: bool
+    recovered: bool
     overlap: int
     matched: float
     judged: int
@@ -66,13 +64,15 @@ class ParticleFilter:
 
     def add(self, local: LocalMap) -> FilterHealth:
         """One step of the algorithm above."""
-        bits = classify(local, self.model, self.settings.match_tolerance)
-        self.poses = self._sample(local.motion)
-        overlap, matched = self._match(bits, local)
-        log_l = log_likelihoods(overlap, matched, self.settings)
+        cells = classify(local, self.model, self.settings.match_tolerance)
+        self.poses, log_eta = self._sample(local)
+        overlap, matched = self._match(cells)
+        log_l = log_likelihoods(overlap, matched, self.settings) if log_eta is None else log_eta
+        recovered = not np.isfinite(log_l).any()
+        log_l = np.zeros(len(log_l)) if recovered else np.where(np.isnan(log_l), -np.inf, log_l)
         self.log_weights = self.log_weights + log_l
         self.log_likelihood = self.log_likelihood + log_l
-        self._update(bits, local)
+        self._update(cells)
         best = self.best
         n_eff, resampled = self._resample()
         health = FilterHealth(
@@ -80,6 +80,7 @@ class ParticleFilter:
             observations=local.observations,
             n_eff=n_eff,
             resampled=resampled,
+            recovered=recovered,
             overlap=int(overlap[best]),
             matched=float(matched[best] / overlap[best]) if overlap[best] else 0.0,
             judged=int(np.count_nonzero(overlap >= max(self.settings.min_overlap, 1))),
@@ -113,56 +114,52 @@ class ParticleFilter:
             probability(log_odds).astype(np.float32), (corner[0] * cell, corner[1] * cell), cell
         ).trimmed()
 
-    def _sample(self, motion: Motion) -> np.ndarray:
-        """Eq (5): every particle moves by the motion and its own draw of the odometry's error."""
-        step = len(self._ancestors)
-        rng = np.random.default_rng((self.seed, step))
+    def _sample(self, local: LocalMap) -> tuple[np.ndarray, np.ndarray | None]:
+        """Eq (5): every particle moves by the motion and its own draw of the odometry's error, or
+        about its best match; ln of the weights that the match decides, else None."""
+        motion, step = local.motion, len(self._ancestors)
+        rng = np.random.default_rng((self.seed, _MOTION_STREAM, step))
+        draws = rng.standard_normal((len(self.poses), 3))
+        if self.settings.matched_proposal:
+            predicted = compose(self.poses, motion.increment)
+            return propose(
+                self.maps, predicted, motion, local.points, local.kappa, local.cell, draws
+            )
         values, vectors = np.linalg.eigh(motion.covariance)
         root = vectors * np.sqrt(np.maximum(values, 0.0))
-        noise = rng.standard_normal((len(self.poses), 3)) @ root.T
-        return compose(self.poses, motion.increment + noise)
+        return compose(self.poses, motion.increment + draws @ root.T), None
 
-    def _match(self, bits: np.ndarray, local: LocalMap) -> tuple[np.ndarray, np.ndarray]:
-        threshold = self.model.occupied_above * STEPS_PER_LOG_ODDS
+    def _match(self, cells: LocalCells) -> tuple[np.ndarray, np.ndarray]:
         maps = self.maps
         return match(
-            maps.tiles,
+            maps.obstacles,
             maps.table,
             maps.corner,
             self.poses,
-            bits,
-            *local.origin,
-            local.cell,
-            threshold,
+            cells.bits,
+            *cells.origin,
+            cells.cell,
         )
 
-    def _update(self, bits: np.ndarray, local: LocalMap) -> None:
-        maps = self.maps
-        maps.cover(*self._cells_reached(bits, local))
-        needed = touched(maps.table, maps.corner, self.poses, bits, *local.origin, local.cell)
+    def _update(self, cells: LocalCells) -> None:
+        maps, place = self.maps, (*cells.origin, cells.cell)
+        maps.cover(*cells.reached_from(self.poses))
+        needed = touched(maps.table, maps.corner, self.poses, cells.bits, cells.near, *place)
         maps.make_writable(needed)
         update(
             maps.tiles,
+            maps.obstacles,
             maps.table,
             maps.corner,
             needed,
             self.poses,
-            bits,
-            *local.origin,
-            local.cell,
+            cells.bits,
+            cells.near,
+            *place,
             round(self.model.occupied_step * STEPS_PER_LOG_ODDS),
             round(self.model.free_step * STEPS_PER_LOG_ODDS),
+            self.model.occupied_above * STEPS_PER_LOG_ODDS,
         )
-
-    def _cells_reached(self, bits: np.ndarray, local: LocalMap) -> tuple[np.ndarray, np.ndarray]:
-        """Lowest and highest global cell (row, column) that any particle's local map touches."""
-        height, width = bits.shape
-        x0, y0 = local.origin
-        x1, y1 = x0 + width * local.cell, y0 + height * local.cell
-        corners = np.array([[x0, y0, 0.0], [x1, y0, 0.0], [x0, y1, 0.0], [x1, y1, 0.0]])
-        xy = compose(self.poses[:, None, :], corners[None])[..., :2]
-        cells = np.floor(xy.reshape(-1, 2)[:, ::-1] / local.cell).astype(np.int64)
-        return cells.min(axis=0), cells.max(axis=0)
 
     def _resample(self) -> tuple[float, bool]:
         """Eq (7), then systematic resampling when N_eff < N/2 (Kitagawa 1996)."""
@@ -173,7 +170,7 @@ class ParticleFilter:
         ancestors = np.arange(N)
         resampled = n_eff < self.settings.resample_below * N
         if resampled:
-            rng = np.random.default_rng((self.seed, len(self._ancestors), 1))
+            rng = np.random.default_rng((self.seed, _RESAMPLING_STREAM, len(self._ancestors)))
             ancestors = systematic_resample(weights, rng.random())
             self.poses = self.poses[ancestors]
             self.log_likelihood = self.log_likelihood[ancestors]
@@ -208,26 +205,3 @@ def log_likelihoods(
     top = log_l[judged].max()
     mean = top + np.log(np.mean(np.exp(log_l[judged] - top)))
     return np.where(judged, log_l, mean)
-
-
-def classify(local: LocalMap, model: SensorModel, tolerance: int) -> np.ndarray:
-    """Bits (H, W) uint8 of each local cell; see `global_kernels`.
-
-    The map is updated where obstacles most likely stand. A match is sought there, within
-    `tolerance` cells, and with half the merit wherever the doubt of an obstacle reaches: the
-    first alone is too brittle for a few hundred particles, the second alone too blunt.
-    """
-    L = local.log_odds
-    occupied = np.greater(L, model.occupied_above)
-    free = np.less(L, model.free_below)
-    around = np.ones((2 * tolerance + 1, 2 * tolerance + 1), np.uint8)
-    near, possible = (
-        cv2.dilate(mask.astype(np.uint8), around) for mask in (occupied, local.possible)
-    )
-    return (
-        np.where(np.isnan(L), 0, OBSERVED)
-        | np.where(occupied, OCCUPIED, 0)
-        | np.where(free, FREE, 0)
-        | np.where(near, NEAR_OCCUPIED, 0)
-        | np.where(possible, POSSIBLE, 0)
-    ).astype(np.uint8)

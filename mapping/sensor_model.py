@@ -30,12 +30,17 @@ def probability(L: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class SensorModel:
-    """What one observation adds to a cell's log-odds, and where decisions are drawn."""
+    """What one observation adds to a cell's log-odds, and where decisions are drawn.
+
+    occupied_above: of an obstacle in the global map; local_occupied_above, local_free_below: of
+    a cell of a local map.
+    """
 
     occupied_step: float
     free_step: float
     occupied_above: float
-    free_below: float
+    local_occupied_above: float
+    local_free_below: float
 
     @staticmethod
     def of(settings: MappingSettings) -> SensorModel:
@@ -45,5 +50,7 @@ class SensorModel:
             occupied_step=math.log(hit / false_hit),
             free_step=math.log((1.0 - hit) / (1.0 - false_hit)),
             occupied_above=log_odds(settings.occupied),
-            free_below=log_odds(settings.free),
+            # One look alone would never free a cell by the thresholds: it decides directly.
+            local_occupied_above=0.0 if settings.per_scan else log_odds(settings.occupied),
+            local_free_below=0.0 if settings.per_scan else log_odds(settings.free),
         )

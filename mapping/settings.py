@@ -23,10 +23,31 @@ class MappingSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     spacing_angle: Annotated[float, _meta("an observation is due after this turn", "deg", ge=0)] = (
         10.0
     )
+    method: Annotated[
+        Literal["hierarchical", "per-scan"],
+        _meta(
+            "hierarchical: local maps of `window` observations feed the filter; per-scan: every "
+            "single observation does",
+            "",
+        ),
+    ] = "hierarchical"
+    proposal: Annotated[
+        Literal["motion", "matched"] | None,
+        _meta(
+            "particles are drawn from the motion alone, or about the best match of the hits to "
+            "each particle's own map; null: matched for per-scan, else motion",
+            "",
+        ),
+    ] = None
     ego_motion: Annotated[
         Literal["matched", "raw"],
         _meta("matched: scans correct odometry before both stages; raw: the paper's", ""),
     ] = "matched"
+    # SGBM compares blocks and passes disparities on along rows and diagonals.
+    correlated: Annotated[
+        float,
+        _meta("neighbouring ranges share their errors over this angle", "deg", gt=0),
+    ] = 3.0
     window: Annotated[int, _meta("observations fused into a local map", "", ge=1)] = 10
     hit: Annotated[
         float, _meta("P(O|E): an obstacle that is there is observed", "", gt=0, lt=1)
@@ -53,3 +74,13 @@ class MappingSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     resample_below: Annotated[
         float, _meta("resample when N_eff falls below this share of N", "", ge=0, le=1)
     ] = 0.5
+
+    @property
+    def per_scan(self) -> bool:
+        """Whether single observations feed the filter."""
+        return self.method == "per-scan"
+
+    @property
+    def matched_proposal(self) -> bool:
+        """Whether the particles are drawn about their best match."""
+        return self.per_scan if self.proposal is None else self.proposal == "matched"

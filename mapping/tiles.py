@@ -11,11 +11,12 @@ at an error of 1 % of one observation. UNKNOWN marks a cell that nobody has obse
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+from numba import njit, prange
 
 from mapping.sensor_model import CLAMP
 
-TILE = 32
+TILE_BITS = 5
+TILE = 1 << TILE_BITS
 STEPS_PER_LOG_ODDS = 127.0 / CLAMP
 UNKNOWN = np.int8(-128)
 NO_TILE = -1
@@ -24,12 +25,15 @@ NO_TILE = -1
 class TileMaps:
     """Maps of N particles on one global grid whose cell (0, 0) has its corner at (0, 0) m.
 
-    tiles: (capacity, TILE, TILE) int8; table: (N, rows, columns) int32 of tile numbers;
+    tiles: (capacity, TILE, TILE) int8; obstacles: (capacity, TILE) uint32, a bit for every cell
+    of a tile's row that is an obstacle (few are: matching visits only these);
+    table: (N, rows, columns) int32 of tile numbers;
     corner: (row, column) of the table's first tile, counted in tiles from the grid's origin.
     """
 
     def __init__(self, particles: int):
         self.tiles = np.empty((64, TILE, TILE), np.int8)
+        self.obstacles = np.zeros((64, TILE), np.uint32)
         self.references = np.zeros(64, np.int32)
         self.table = np.full((particles, 0, 0), NO_TILE, np.int32)
         self.corner = np.zeros(2, np.int64)
@@ -38,6 +42,11 @@ class TileMaps:
     def tiles_in_use(self) -> int:
         """Tiles that some particle refers to."""
         return int(np.count_nonzero(self.references))
+
+    @property
+    def bytes(self) -> int:
+        """Memory of all maps: the pool with its spare tiles, and the tables."""
+        return sum(a.nbytes for a in (self.tiles, self.obstacles, self.references, self.table))
 
     @property
     def _extent(self) -> tuple[int, int]:
@@ -62,12 +71,19 @@ class TileMaps:
 
     def make_writable(self, needed: np.ndarray) -> None:
         """Give every particle a tile of its own wherever `needed` (N, rows, columns) is set."""
-        wanted = int(np.count_nonzero(needed))
+        wanted = _wanted(self.table, needed, self.references)
+        begin = np.concatenate([[0], np.cumsum(wanted)])
         free = np.flatnonzero(self.references == 0)
-        if free.size < wanted:
-            self._enlarge(wanted - free.size)
+        if free.size < begin[-1]:
+            self._enlarge(int(begin[-1]) - free.size)
             free = np.flatnonzero(self.references == 0)
-        _make_writable(self.table, needed, self.tiles, self.references, free)
+        left = np.full(begin[-1], NO_TILE, np.int32)
+        _make_writable(
+            self.table, needed, self.references, self.tiles, self.obstacles, free, begin, left
+        )
+        self.references[free[: begin[-1]]] = 1
+        left = left[left != NO_TILE]
+        self.references -= np.bincount(left, minlength=len(self.references)).astype(np.int32)
 
     def resample(self, ancestors: np.ndarray) -> None:
         """Particle k goes on with the map of `ancestors[k]`; no tile is copied."""
@@ -86,32 +102,48 @@ class TileMaps:
         return grid.astype(np.float32), (self.corner[1] * TILE, self.corner[0] * TILE)
 
     def _enlarge(self, missing: int) -> None:
-        capacity = max(len(self.tiles) + missing, len(self.tiles) * 3 // 2)
-        tiles = np.empty((capacity, TILE, TILE), np.int8)
-        tiles[: len(self.tiles)] = self.tiles
-        references = np.zeros(capacity, np.int32)
-        references[: len(self.references)] = self.references
-        self.tiles, self.references = tiles, references
+        """By an eighth at least: memory is a matter of N and of what was seen, not of doubling."""
+        capacity = max(len(self.tiles) + missing, len(self.tiles) * 9 // 8)
+        self.tiles, self.obstacles, self.references = (
+            np.concatenate([a, np.zeros((capacity - len(a), *a.shape[1:]), a.dtype)])
+            for a in (self.tiles, self.obstacles, self.references)
+        )
 
 
-@njit(cache=True, nogil=True)
-def _make_writable(table, needed, tiles, references, free):
+@njit(cache=True, nogil=True, parallel=True)
+def _wanted(table, needed, references):
+    """How many new tiles each particle needs: for places without one, or with a shared one."""
     particles, rows, columns = table.shape
-    taken = 0
-    for k in range(particles):
+    wanted = np.zeros(particles, np.int64)
+    for k in prange(particles):
+        count = 0
         for row in range(rows):
             for column in range(columns):
-                if not needed[k, row, column]:
-                    continue
+                number = table[k, row, column]
+                if needed[k, row, column] and (number == NO_TILE or references[number] > 1):
+                    count += 1
+        wanted[k] = count
+    return wanted
+
+
+@njit(cache=True, nogil=True, parallel=True)
+def _make_writable(table, needed, references, tiles, obstacles, free, begin, left):
+    """Particle k takes the tiles free[begin[k]:begin[k + 1]]; `left`: the ones it leaves."""
+    particles, rows, columns = table.shape
+    for k in prange(particles):
+        taken = begin[k]
+        for row in range(rows):
+            for column in range(columns):
                 old = table[k, row, column]
-                if old != NO_TILE and references[old] == 1:
+                if not needed[k, row, column] or (old != NO_TILE and references[old] == 1):
                     continue
                 new = free[taken]
-                taken += 1
                 if old == NO_TILE:
                     tiles[new] = UNKNOWN
+                    obstacles[new] = 0
                 else:
                     tiles[new] = tiles[old]
-                    references[old] -= 1
-                references[new] = 1
+                    obstacles[new] = obstacles[old]
+                    left[taken] = old
+                taken += 1
                 table[k, row, column] = new

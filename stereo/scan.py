@@ -31,3 +31,9 @@ class RangeScan:
     def answered(self) -> float:
         """Share of bearings with an answer (an obstacle, or nothing up to `max_range`)."""
         return float(np.mean(~np.isnan(self.range))) if self.range.size else 0.0
+
+    @property
+    def spacing(self) -> float:
+        """Mean angle between neighbouring bearings [rad]; 0 for a single one."""
+        n = self.bearing.size
+        return float(self.bearing[-1] - self.bearing[0]) / (n - 1) if n > 1 else 0.0

@@ -1,0 +1,89 @@
+"""The observation-improved proposal (Grisetti, Stachniss and Burgard 2007).
+
+Where the sensor tells more of the pose than odometry does, particles drawn from odometry are
+wasted. Each particle's predicted pose is first matched to its own map; it is then drawn from a
+Gaussian about the best place, whose information is that of odometry and of the hits:
+
+    p(x_t | m, x_{t-1}, z_t, u_t)  ~  N(x*, (Sigma_u^-1 + H)^-1)
+
+with x* the maximum of the posterior and H the curvature of the hits' score there. The weight of
+the particle is the integral of that posterior (Laplace): it does not depend on the draw.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mapping.proposal_kernels import refine
+from mapping.tiles import TileMaps
+from odometry.motion import Motion, compose
+
+# A hit on a sure obstacle is worth ln(1 + GAIN) of a hit on nothing.
+GAIN = 20.0
+TEMPER = 1.0
+# First steps of the search along x and y [cells] and theta [rad]; halved down to LAST_STEP.
+FIRST_STEP = (1.0, 1.0, math.radians(1.0))
+LAST_STEP = 0.06
+# Widths of the differences that measure curvature, in cells and rad.
+CURVATURE_WIDTH = (0.5, 0.5, math.radians(0.5))
+# With fewer hits odometry alone leads.
+MIN_HITS = 15
+LEAST_DOUBT = np.array([1e-4, 1e-4, 2e-5])
+
+
+def propose(
+    maps: TileMaps,
+    predicted: np.ndarray,
+    motion: Motion,
+    points: np.ndarray,
+    kappa: float,
+    cell: float,
+    noise: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Draw poses about the best match of the hits to each particle's map.
+
+    Args:
+        predicted: (N, 3) poses by odometry alone; motion: the step that led there.
+        points: (n, 2) hits in the robot's frame [m]; kappa: the share of an independent
+            measurement that each of them is; cell [m]; noise: (N, 3) standard normal draws.
+
+    Returns the poses (N, 3) and ln of the weights (N,), up to a constant.
+    """
+    turn = _turned_back(motion.increment[2])
+    odometry = turn @ motion.covariance @ turn.T + np.diag(LEAST_DOUBT**2)
+    if len(points) < MIN_HITS:
+        return compose(predicted, noise @ np.linalg.cholesky(odometry).T), np.zeros(len(predicted))
+    scale = np.array([cell, cell, 1.0])
+    moves, best, gained = refine(
+        maps.tiles,
+        maps.table,
+        maps.corner,
+        predicted,
+        cell,
+        points,
+        GAIN,
+        kappa,
+        np.linalg.inv(odometry),
+        FIRST_STEP * scale,
+        LAST_STEP,
+        CURVATURE_WIDTH * scale,
+    )
+    covariance = np.linalg.inv(np.linalg.inv(odometry) + _positive(gained))
+    root = np.linalg.cholesky(covariance)
+    poses = compose(predicted, moves + (root @ noise[:, :, None])[..., 0])
+    log_eta = best + np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
+    return poses, TEMPER * log_eta
+
+
+def _positive(gained: np.ndarray) -> np.ndarray:
+    """Information (N, 3, 3) without the directions in which the score curves the wrong way."""
+    values, vectors = np.linalg.eigh(gained)
+    return (vectors * np.maximum(values, 0.0)[:, None, :]) @ np.swapaxes(vectors, 1, 2)
+
+
+def _turned_back(angle: float) -> np.ndarray:
+    """Turns a covariance of the earlier robot frame into the frame after a turn by `angle`."""
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
