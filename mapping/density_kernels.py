@@ -9,7 +9,6 @@ from numba import njit
 
 # A bump is drawn up to so many of its standard deviations.
 BUMP_REACH = 2.5
-LEAST_BUMP = math.exp(-0.5 * BUMP_REACH**2)
 
 
 @njit(cache=True, nogil=True)
@@ -58,21 +57,23 @@ def bumps(layer, x0, y0, cell, points, eye, doubt, across):
         xx = dx * dx * along + dy * dy * aside
         xy = dx * dy * (along - aside)
         yy = dy * dy * along + dx * dx * aside
-        reach_x = BUMP_REACH * math.hypot(dx * doubt[i], dy * across)
         reach_y = BUMP_REACH * math.hypot(dy * doubt[i], dx * across)
-        first_row = max(0, math.floor((points[i, 1] - reach_y - y0) / cell))
-        last_row = min(rows - 1, math.floor((points[i, 1] + reach_y - y0) / cell))
-        first_column = max(0, math.floor((points[i, 0] - reach_x - x0) / cell))
-        last_column = min(columns - 1, math.floor((points[i, 0] + reach_x - x0) / cell))
-        u = x0 + (first_column + 0.5) * cell - points[i, 0]
+        first_row = max(0, math.ceil((points[i, 1] - reach_y - y0) / cell - 0.5))
+        last_row = min(rows - 1, math.floor((points[i, 1] + reach_y - y0) / cell - 0.5))
         # From one cell to the next the exponent grows by a step that itself grows evenly.
         bend = math.exp(-xx * cell * cell)
         for row in range(first_row, last_row + 1):
             v = y0 + (row + 0.5) * cell - points[i, 1]
+            # The row's part of the ellipse of BUMP_REACH.
+            half = math.sqrt(max(BUMP_REACH**2 * xx - along * aside * v * v, 0.0)) / xx
+            middle = points[i, 0] - xy * v / xx - x0
+            first_column = max(0, math.ceil((middle - half) / cell - 0.5))
+            last_column = min(columns - 1, math.floor((middle + half) / cell - 0.5))
+            u = x0 + (first_column + 0.5) * cell - points[i, 0]
             bump = math.exp(-0.5 * (xx * u * u + 2.0 * xy * u * v + yy * v * v))
             grow = math.exp(-cell * (xx * u + xy * v) - 0.5 * xx * cell * cell)
             for column in range(first_column, last_column + 1):
-                if bump > layer[row, column] and bump > LEAST_BUMP:
+                if bump > layer[row, column]:
                     if layer[row, column] == 0.0:
                         if count == cells.size:
                             cells = np.concatenate((cells, np.empty(count, np.int64)))

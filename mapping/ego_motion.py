@@ -23,8 +23,9 @@ from odometry.motion import Motion, compose, inverse
 from stereo.scan import RangeScan
 
 REMEMBERED = 20  # scans that make up the density
-# Hits closer than this are thinned out [rad].
-LEAST_SPACING = np.radians(0.5)
+LEAST_SPACING = np.radians(0.5)  # hits closer together than this are thinned out
+MIN_HITS = 15
+DOUBT = 1.0  # with fewer odometry alone leads
 # Neighbouring hits closer than this [m] lie on one surface, which is drawn between them: single
 # dots would attract the dots of the next scan, which the robot takes along.
 ONE_SURFACE = 0.5
@@ -35,20 +36,23 @@ SMOOTHING = 0.3
 # LAST_STEP of them.
 FIRST_STEP = (0.4, 0.4, np.radians(0.5))
 LAST_STEP = 0.03
-MIN_HITS = 15
-# Keeps the information of odometry finite in directions it claims to know exactly [m, m, rad].
 # Widths of the differences that measure curvature [m, m, rad].
 CURVATURE_WIDTH = np.array([0.01, 0.01, np.radians(0.25)])
 # The grid reaches so far beyond the hits, and further when it is drawn anew [m].
 MARGIN = 0.5
-TRAVEL = 2.0
+TRAVEL = 3.0
+# Keeps the information of odometry finite in directions it claims to know exactly [m, m, rad].
+# Keeps the information of odometry finite in directions it claims to know exactly [m, m, rad].
 LEAST_DOUBT = np.array([1e-4, 1e-4, 2e-5])
 
 
 @dataclass(frozen=True)
 class _Remembered:
-    """An earlier scan on the grid: hits (n, 2) m, doubts (n,) m, where it was taken
-    from (2,) m, its share of the density."""
+    """An earlier scan on the grid.
+
+    points: (n, 2) hits and what joins them [m]; doubt: (n,) of each along the line of sight [m];
+    eye: (2,) where the sensor stood [m]; cells, values: (m,) its share of the density.
+    """
 
     points: np.ndarray
     doubt: np.ndarray
@@ -71,10 +75,9 @@ class EgoMotion:
         self.resolution = RESOLUTION * cell
         self.smoothing = SMOOTHING * cell
         self.first_step = np.array([FIRST_STEP[0] * cell, FIRST_STEP[1] * cell, FIRST_STEP[2]])
-        # Robot pose on the grid, and the last scans: hits (n, 2) there, their doubts, cells, values.
-        self._pose = np.zeros(3)
+        self._pose = np.zeros(3)  # of the robot, in the frame of the grid
         self._before: deque[_Remembered] = deque()
-        self._low = np.zeros(2)
+        self._low = np.zeros(2)  # lower-left corner of the grid [m]
         self._density = np.zeros((0, 0))
         self._layer = np.zeros((0, 0))
 
@@ -82,7 +85,7 @@ class EgoMotion:
         """`motion` since the scan before, corrected by matching `scan` where it can be."""
         points, doubt, kappa = hits(scan, self.correlated)
         prior = compose(self._pose, motion.increment)
-        self._reach(placed(prior, points))
+        self._reach(placed(prior, points), prior)
         exact = not motion.covariance.any()
         if len(points) >= MIN_HITS and self._before and not exact:
             motion = self._match(points, kappa, motion, prior)
@@ -92,9 +95,7 @@ class EgoMotion:
         self._remember(placed(self._pose, surface), np.maximum(doubt, self.smoothing), eye)
         return motion
 
-    def _match(
-        self, points: np.ndarray, kappa: float, motion: Motion, prior: np.ndarray
-    ) -> Motion:
+    def _match(self, points: np.ndarray, kappa: float, motion: Motion, prior: np.ndarray) -> Motion:
         turn = np.eye(3)
         turn[:2, :2] = rotation(self._pose[2])
         odometry = turn @ motion.covariance @ turn.T
@@ -116,25 +117,31 @@ class EgoMotion:
         self._before.append(self._drawn(points, doubt, eye))
 
     def _drawn(self, points: np.ndarray, doubt: np.ndarray, eye: np.ndarray) -> _Remembered:
+        x0, y0 = self._low
         cells, values = bumps(
-            self._layer, *self._low, self.resolution, points, eye, doubt, self.smoothing
+            self._layer, x0, y0, self.resolution, points, eye, doubt, self.smoothing
         )
         accumulate(self._density, cells, values, 1.0)
         return _Remembered(points, doubt, eye, cells, values)
 
-    def _reach(self, points: np.ndarray) -> None:
-        """Make sure that the grid holds the points (n, 2) of the scan that comes next."""
+    def _reach(self, points: np.ndarray, pose: np.ndarray) -> None:
+        """Make sure that the grid holds the points (n, 2) of the scan taken at a robot pose."""
         if not len(points):
             return
-        low, high = points.min(axis=0) - MARGIN, points.max(axis=0) + MARGIN
         rows, columns = self._density.shape
-        top = self._low + self.resolution * np.array([columns, rows])
-        if (low >= self._low).all() and (high <= top).all():
+        high = self._low + self.resolution * np.array([columns, rows])
+        if (points.min(axis=0) - MARGIN >= self._low).all() and (
+            points.max(axis=0) + MARGIN <= high
+        ).all():
             return
-        self._low = low - TRAVEL
-        columns, rows = np.ceil((high + TRAVEL - self._low) / self.resolution).astype(int)
-        self._density, self._layer = np.zeros((rows, columns)), np.zeros((rows, columns))
-        self._before = deque(self._drawn(scan.points, scan.doubt, scan.eye) for scan in self._before)
+        # All round the robot: it may turn.
+        reach = float(np.abs(points - pose[:2]).max()) + TRAVEL
+        self._low = pose[:2] - reach
+        cells = int(np.ceil(2.0 * reach / self.resolution))
+        self._density, self._layer = np.zeros((cells, cells)), np.zeros((cells, cells))
+        self._before = deque(
+            self._drawn(scan.points, scan.doubt, scan.eye) for scan in self._before
+        )
 
 
 def hits(scan: RangeScan, correlated: float) -> tuple[np.ndarray, np.ndarray, float]:

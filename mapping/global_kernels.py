@@ -19,9 +19,11 @@ from mapping.tiles import NO_TILE, TILE, UNKNOWN
 OBSERVED, OCCUPIED, FREE, NEAR_OCCUPIED, POSSIBLE = 1, 2, 4, 8, 16
 
 # Tiles are visited in square blocks, most of which the local map does not reach. A block's
-# cells lie within so many cells of the one under its centre, however it is turned.
+# cells lie within AROUND cells of the one under its centre, however it is turned: a local map
+# with MARGIN undecided cells on all sides holds every block that may have a decided one.
 BLOCK = 8
 AROUND = 6
+MARGIN = 2 * AROUND
 _ONE = 1 << 32
 
 # The number of a single set bit among 32 (Leiserson, Prokop and Randall 1998).
@@ -115,8 +117,8 @@ def _reached(near, u0, v0, c, s, i, j):
 def touched(table, corner, poses, local, near, x0, y0, cell):
     """Which tiles (N, rows, columns) bool hold a cell that the local map has decided.
 
-    near (H, W): not zero within AROUND cells of a decided one; the local map must have a margin
-    of as many undecided cells.
+    near (H, W): not zero within AROUND cells of a decided one; the local map must have MARGIN
+    undecided cells on all sides.
     """
     particles, rows, columns = table.shape
     result = np.zeros((particles, rows, columns), np.bool_)
@@ -170,12 +172,13 @@ def update(
     A cell above the threshold is an obstacle: its bit is set in `obstacles`.
     """
     particles, rows, columns = table.shape
-    steps = np.zeros(32, np.int64)
-    for bits in range(32):
-        if bits & OCCUPIED:
-            steps[bits] = occupied_step
-        elif bits & FREE:
-            steps[bits] = free_step
+    steps = np.zeros(local.shape, np.int16)
+    for v in range(local.shape[0]):
+        for u in range(local.shape[1]):
+            if local[v, u] & OCCUPIED:
+                steps[v, u] = occupied_step
+            elif local[v, u] & FREE:
+                steps[v, u] = free_step
     for k in prange(particles):
         for row in range(rows):
             for column in range(columns):
@@ -187,25 +190,20 @@ def update(
                 for i0 in range(0, TILE, BLOCK):
                     for j0 in range(0, TILE, BLOCK):
                         if _reached(near, u0, v0, c, s, i0, j0):
-                            _update_block(
-                                tile, marks, local, u0, v0, c, s, i0, j0, steps, threshold
-                            )
+                            _update_block(tile, marks, steps, u0, v0, c, s, i0, j0, threshold)
 
 
 @njit(cache=True, nogil=True)
-def _update_block(tile, marks, local, u0, v0, c, s, i0, j0, steps, threshold):
-    rows, columns = local.shape
+def _update_block(tile, marks, steps, u0, v0, c, s, i0, j0, threshold):
+    """A block within reach lies inside the local map: its margin is wide enough."""
     for i in range(i0, i0 + BLOCK):
         u = u0 + c * j0 + s * i
         v = v0 - s * j0 + c * i
         mark = marks[i]
         for j in range(j0, j0 + BLOCK):
-            row, column = v >> 32, u >> 32
+            step = np.int64(steps[np.uint64(v >> 32), np.uint64(u >> 32)])
             u += c
             v -= s
-            if not (0 <= row < rows and 0 <= column < columns):
-                continue
-            step = steps[local[row, column]]
             if step == 0:
                 continue
             value = np.int64(tile[i, j])

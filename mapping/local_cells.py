@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from mapping.global_kernels import AROUND, FREE, NEAR_OCCUPIED, OBSERVED, OCCUPIED, POSSIBLE
+from mapping.global_kernels import AROUND, FREE, MARGIN, NEAR_OCCUPIED, OBSERVED, OCCUPIED, POSSIBLE
 from mapping.local_map import LocalMap
 from mapping.sensor_model import SensorModel
 from odometry.motion import compose
@@ -16,7 +16,7 @@ from odometry.motion import compose
 @dataclass(frozen=True)
 class LocalCells:
     """bits: (H, W) uint8 of each cell, see `global_kernels`, with a margin of unobserved cells;
-    near: (H, W) uint8, not zero within the margin's width of a decided cell; origin: (x, y) of
+    near: (H, W) uint8, not zero within AROUND cells of a decided one; origin: (x, y) of
     the lower-left corner of cell [0, 0] in the robot's frame [m]."""
 
     bits: np.ndarray
@@ -42,11 +42,11 @@ def classify(local: LocalMap, model: SensorModel, tolerance: int) -> LocalCells:
     `tolerance` cells, and with half the merit wherever the doubt of an obstacle reaches: the
     first alone is too brittle for a few hundred particles, the second alone too blunt.
     """
-    L = np.pad(local.log_odds, AROUND, constant_values=np.nan)
+    L = np.pad(local.log_odds, MARGIN, constant_values=np.nan)
     occupied = np.greater(L, model.local_occupied_above)
     free = np.less(L, model.local_free_below)
     likely = cv2.dilate(occupied.astype(np.uint8), _square(tolerance))
-    possible = cv2.dilate(np.pad(local.possible, AROUND).astype(np.uint8), _square(tolerance))
+    possible = cv2.dilate(np.pad(local.possible, MARGIN).astype(np.uint8), _square(tolerance))
     bits = (
         np.where(np.isnan(L), 0, OBSERVED)
         | np.where(occupied, OCCUPIED, 0)
@@ -55,7 +55,7 @@ def classify(local: LocalMap, model: SensorModel, tolerance: int) -> LocalCells:
         | np.where(possible, POSSIBLE, 0)
     ).astype(np.uint8)
     near = cv2.dilate((bits & (OCCUPIED | FREE) > 0).astype(np.uint8), _square(AROUND))
-    margin = AROUND * local.cell
+    margin = MARGIN * local.cell
     x, y = local.origin
     return LocalCells(bits, near, (x - margin, y - margin), local.cell)
 

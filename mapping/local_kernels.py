@@ -20,6 +20,8 @@ WITHIN_CELL = 0.29
 # Likeliness is compared this many cells to both sides along the line of sight.
 THIN_REACH = 3
 
+# Neighbouring hits closer than this lie on one surface [m].
+ONE_SURFACE = 0.25
 # What one observation says of a cell; DOUBTFUL: neither free nor hit.
 _FREE, _HIT, _DOUBTFUL = 1, 2, 3
 
@@ -84,38 +86,52 @@ def add_observations(
 
 
 @njit(cache=True, nogil=True)
-def _observe(
-    state, density, beams, seen, u0, v0, heading, cell, bearing, ranges, sigma, max_range
-):
+def _observe(state, density, beams, seen, u0, v0, heading, cell, bearing, ranges, sigma, max_range):
     """Walk all beams of one observation from cell coordinates (u0, v0); the number of cells seen.
 
     Where beams lie further apart than a cell, the space between two of them is free up to the
-    nearer of both: a slanted wall must not be cleared, nor be drawn as a comb of arcs.
+    nearer of both, and two hits closer than ONE_SURFACE are joined by a wall: it must not be
+    cleared by beams that pass it aslant, nor be drawn as a row of dots.
     """
     number = 0
-    near = 0.0  # where free space ends on the beam before; 0: it tells nothing
+    before = 0.0  # where the beam before ends; 0: it tells nothing
+    free_before, hit_before = 0.0, False
     for i in range(bearing.size):
         z = ranges[i]
+        if z != z:
+            before, free_before, hit_before = 0.0, 0.0, False
+            continue
         hit = z < np.inf
         end = z / cell if hit else max_range / cell
         doubt = sigma[i] / cell if hit else 0.0
         free = end - max(FREE_BEFORE * doubt, 0.5) if hit else end
-        if z != z:
-            near = 0.0
-            continue
         angle = heading + bearing[i]
-        number = _walk(state, density, beams, seen, number, u0, v0, angle, 0.0, end, free, hit, doubt, cell)
-        if i > 0:
-            gap = bearing[i] - bearing[i - 1]
-            until = min(near, free)
-            copies = math.ceil(gap * until - 1e-9)
-            for copy in range(1, copies):
-                # Nearer than that the two beams themselves leave no gap.
-                number = _walk(
-                    state, density, beams, seen, number, u0, v0, angle - gap * copy / copies,
-                    0.9 / gap, until, until, False, 0.0, cell,
-                )
-        near = free
+        number = _walk(
+            state, density, beams, seen, number, u0, v0, angle, 0.0, end, free, hit, doubt, cell
+        )
+        gap = bearing[i] - bearing[i - 1] if i > 0 else 0.0
+        # Nearer than that the two beams themselves leave no gap.
+        start = 0.9 / max(gap, 1e-9)
+        apart = math.sqrt(end**2 + before**2 - 2.0 * end * before * math.cos(gap))
+        wall = hit and hit_before and apart * cell < ONE_SURFACE
+        copies = math.ceil((apart if wall else gap * min(free_before, free)) - 1e-9)
+        for copy in range(1, copies):
+            share = copy / copies
+            if wall:
+                # A point of the straight line from one hit to the other, seen from the sensor.
+                ahead = (1.0 - share) * before + share * end * math.cos(gap)
+                aside = share * end * math.sin(gap)
+                until = math.hypot(ahead, aside)
+                turned = gap - math.atan2(aside, ahead)
+                clear = until - max(FREE_BEFORE * doubt, 0.5)
+            else:
+                until, turned = min(free_before, free), gap * (1.0 - share)
+                clear = until
+            at = angle - turned
+            number = _walk(
+                state, density, beams, seen, number, u0, v0, at, start, until, clear, wall, doubt, cell
+            )
+        before, free_before, hit_before = end, free, hit
     return number
 
 

@@ -10,7 +10,7 @@ others see through. The map is drawn once, when the window is full, in the lates
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -88,6 +88,8 @@ class LocalMapper:
         motion = self._motion
         assert motion is not None
         scans = [scan for _, scan in self._window]
+        if not self.settings.spread:
+            scans = [replace(s, sigma=np.where(np.isfinite(s.range), 0.0, np.nan)) for s in scans]
         poses = compose(inverse(motion.increment), np.array([pose for pose, _ in self._window]))
         sensors = compose(poses, np.array([scan.origin for scan in scans]))
         blurred, likely, origin = draw(scans, sensors, self.settings.cell, self.model)
@@ -129,7 +131,9 @@ def draw(
     )
     max_range = np.array([scan.max_range for scan in scans])
     heading = np.repeat(sensors, np.diff(first), axis=0)
-    reach = np.where(np.isfinite(ranges), ranges + 3.0 * sigma, np.repeat(max_range, np.diff(first)))
+    reach = np.where(
+        np.isfinite(ranges), ranges + 3.0 * sigma, np.repeat(max_range, np.diff(first))
+    )
     reach = np.where(np.isnan(ranges), 0.0, reach)
     low, high = _bounds(heading, heading[:, 2] + bearing, reach, cell)
     shape = tuple(int(n) for n in np.round((high - low) / cell)[::-1])

@@ -43,6 +43,7 @@ class HierarchicalMapper:
             correlated = math.radians(self.settings.correlated)
             self._ego_motion = EgoMotion(self.settings.cell, correlated)
         self._since: Motion | None = None  # the observation before
+        self._place = np.zeros(3)  # where that was, as it is known now
         # Pairs that were observations, and where matched motion alone puts them.
         self._observed: list[int] = [0]
         self._matched: list[np.ndarray] = [np.zeros(3)]
@@ -68,7 +69,7 @@ class HierarchicalMapper:
         self.odometry.append(compose(previous, motion.increment))
         self.stamps.append(motion.last)
         self._since = motion if self._since is None else self._since.then(motion)
-        self.online.append(self._predicted())
+        self.online.append(compose(self._place, self._since.increment))
 
     def observe(self, scan: RangeScan) -> None:
         """The scan of the pair just moved to; its place is known after `move`."""
@@ -83,7 +84,10 @@ class HierarchicalMapper:
         local = self.local_mapper.observe(scan)
         if local is not None:
             self._close(local)
-        self.online[-1] = self._predicted()
+        # The filter's pose, moved on by matched motion since its last local map.
+        matched = compose(inverse(self._matched[self._closed[-1]]), self._matched[-1])
+        self._place = compose(self.filter.poses[self.filter.best], matched)
+        self.online[-1] = self._place
 
     @property
     def pose(self) -> np.ndarray:
@@ -105,12 +109,6 @@ class HierarchicalMapper:
         observed = np.array(self._observed)
         matched = join(odometry, observed, np.array(self._matched))
         return join(matched, observed[self._closed], self.filter.path())
-
-    def _predicted(self) -> np.ndarray:
-        """The filter's pose moved on by matched motion, and by odometry since the last scan."""
-        matched = compose(inverse(self._matched[self._closed[-1]]), self._matched[-1])
-        since = compose(inverse(self.odometry[self._observed[-1]]), self.odometry[-1])
-        return compose(compose(self.filter.poses[self.filter.best], matched), since)
 
     def _close(self, local: LocalMap) -> None:
         self.filter.add(local)

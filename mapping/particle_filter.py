@@ -22,8 +22,7 @@ from mapping.proposal import propose
 from mapping.sensor_model import SensorModel, probability
 from mapping.settings import MappingSettings
 from mapping.tiles import STEPS_PER_LOG_ODDS, TileMaps
-from odometry.motion import Motion, compose
-
+from odometry.motion import compose
 
 # Tells the uses of a run's seed from each other, and from those of the simulators.
 _MOTION_STREAM, _RESAMPLING_STREAM = 0xF1, 0xF2
@@ -68,10 +67,7 @@ class ParticleFilter:
         self.poses, log_eta = self._sample(local)
         overlap, matched = self._match(cells)
         log_l = log_likelihoods(overlap, matched, self.settings) if log_eta is None else log_eta
-        recovered = not np.isfinite(log_l).any()
-        log_l = np.zeros(len(log_l)) if recovered else np.where(np.isnan(log_l), -np.inf, log_l)
-        self.log_weights = self.log_weights + log_l
-        self.log_likelihood = self.log_likelihood + log_l
+        recovered = self._weigh(log_l)
         self._update(cells)
         best = self.best
         n_eff, resampled = self._resample()
@@ -141,6 +137,17 @@ class ParticleFilter:
             cells.cell,
         )
 
+    def _weigh(self, log_l: np.ndarray) -> bool:
+        """Eq (6) with ln of the likelihoods (N,); whether all weights had vanished: they are then
+        set equal, and the step judges no ancestry."""
+        log_l = np.where(np.isnan(log_l), -np.inf, log_l)
+        log_weights = self.log_weights + log_l
+        recovered = not np.isfinite(log_weights.max())
+        self.log_weights = np.zeros(len(log_l)) if recovered else log_weights
+        if not recovered:
+            self.log_likelihood = self.log_likelihood + log_l
+        return recovered
+
     def _update(self, cells: LocalCells) -> None:
         maps, place = self.maps, (*cells.origin, cells.cell)
         maps.cover(*cells.reached_from(self.poses))
@@ -185,7 +192,7 @@ def systematic_resample(weights: np.ndarray, offset: float) -> np.ndarray:
     """Ancestors (N,) drawn by low-variance resampling; `offset` in [0, 1) is the one draw."""
     N = len(weights)
     edges = np.cumsum(weights)
-    edges[-1] = 1.0
+    edges /= edges[-1]
     points = np.minimum((np.arange(N) + offset) / N, np.nextafter(1.0, 0.0))
     return np.searchsorted(edges, points, side="right")
 

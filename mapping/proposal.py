@@ -22,14 +22,19 @@ from odometry.motion import Motion, compose
 
 # A hit on a sure obstacle is worth ln(1 + GAIN) of a hit on nothing.
 GAIN = 20.0
-TEMPER = 1.0
+# One scan after the other is matched to the same walls: their weights are far from independent,
+# and taken at face value they would leave few particles when a loop closes.
+TEMPER = 0.1
+# The motion comes from matched scans already: they must not count twice in full.
+REUSED = 3.0
 # First steps of the search along x and y [cells] and theta [rad]; halved down to LAST_STEP.
-FIRST_STEP = (1.0, 1.0, math.radians(1.0))
-LAST_STEP = 0.06
+FIRST_STEP = (2.0, 2.0, math.radians(2.0))
+LAST_STEP = 0.03
 # Widths of the differences that measure curvature, in cells and rad.
 CURVATURE_WIDTH = (0.5, 0.5, math.radians(0.5))
 # With fewer hits odometry alone leads.
 MIN_HITS = 15
+# Keeps the information of odometry finite in directions it claims to know exactly [m, m, rad].
 LEAST_DOUBT = np.array([1e-4, 1e-4, 2e-5])
 
 
@@ -49,10 +54,13 @@ def propose(
         points: (n, 2) hits in the robot's frame [m]; kappa: the share of an independent
             measurement that each of them is; cell [m]; noise: (N, 3) standard normal draws.
 
-    Returns the poses (N, 3) and ln of the weights (N,), up to a constant.
+    Returns the poses (N, 3) and ln of the weights (N,), up to a constant. Odometry that claims to
+    be exact is believed.
     """
+    if not motion.covariance.any():
+        return predicted, np.zeros(len(predicted))
     turn = _turned_back(motion.increment[2])
-    odometry = turn @ motion.covariance @ turn.T + np.diag(LEAST_DOUBT**2)
+    odometry = REUSED * turn @ motion.covariance @ turn.T + np.diag(LEAST_DOUBT**2)
     if len(points) < MIN_HITS:
         return compose(predicted, noise @ np.linalg.cholesky(odometry).T), np.zeros(len(predicted))
     scale = np.array([cell, cell, 1.0])

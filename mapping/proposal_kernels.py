@@ -61,7 +61,7 @@ def hit_score(tiles, table, corner, cell, points, gain, x, y, theta):
     for i in range(points.shape[0]):
         u = u0 + c * points[i, 0] - s * points[i, 1]
         v = v0 + s * points[i, 0] + c * points[i, 1]
-        column, row = int(math.floor(u)), int(math.floor(v))
+        column, row = math.floor(u), math.floor(v)
         product *= 1.0 + gain * _between(tiles, table, row, column, u - column, v - row)
         if product > 1e200:
             total += math.log(product)
@@ -100,22 +100,22 @@ def refine(
     for k in prange(particles):
         own = table[k]
         xi, trial = np.zeros(3), np.zeros(3)
-        top = _posterior(
-            tiles, own, corner, cell, points, gain, kappa, poses[k], information, xi
-        )
+        top = _posterior(tiles, own, corner, cell, points, gain, kappa, poses[k], information, xi)
         scale = 1.0
         while scale >= last_step:
             improved = False
             for axis in range(3):
+                # Both ways are looked at: to take the first that helps would favour one of them.
+                to = xi[axis]
+                trial[:] = xi
                 for sign in (-1.0, 1.0):
-                    trial[:] = xi
-                    trial[axis] += sign * scale * first_step[axis]
+                    trial[axis] = xi[axis] + sign * scale * first_step[axis]
                     value = _posterior(
                         tiles, own, corner, cell, points, gain, kappa, poses[k], information, trial
                     )
                     if value > top:
-                        top, improved = value, True
-                        xi[:] = trial
+                        top, to, improved = value, trial[axis], True
+                xi[axis] = to
             if not improved:
                 scale *= 0.5
         moves[k], best[k] = xi, top
@@ -127,8 +127,21 @@ def refine(
                         trial[:] = xi
                         trial[i] += a * h[i]
                         trial[j] += b * h[j]
-                        rise += a * b * _posterior(
-                            tiles, own, corner, cell, points, gain, kappa, poses[k], nothing, trial
+                        rise += (
+                            a
+                            * b
+                            * _posterior(
+                                tiles,
+                                own,
+                                corner,
+                                cell,
+                                points,
+                                gain,
+                                kappa,
+                                poses[k],
+                                nothing,
+                                trial,
+                            )
                         )
                 gained[k, i, j] = gained[k, j, i] = -rise / (4.0 * h[i] * h[j])
     return moves, best, gained

@@ -48,6 +48,14 @@ class MappingSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         float,
         _meta("neighbouring ranges share their errors over this angle", "deg", gt=0),
     ] = 3.0
+    spread: Annotated[
+        bool,
+        _meta(
+            "stage 1 spreads every hit over the doubt of its range; false: hits are points, as in "
+            "the paper (better where errors are independent from beam to beam)",
+            "",
+        ),
+    ] = True
     window: Annotated[int, _meta("observations fused into a local map", "", ge=1)] = 10
     hit: Annotated[
         float, _meta("P(O|E): an obstacle that is there is observed", "", gt=0, lt=1)

@@ -20,6 +20,11 @@ def wrap_angle(angle):
 def compose(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """a (+) b for poses (..., 3); theta is wrapped."""
     a, b = np.asarray(a, float), np.asarray(b, float)
+    if a.ndim == b.ndim == 1:  # one pose at a time: numpy's bookkeeping would cost most
+        ax, ay, at = a.tolist()
+        bx, by, bt = b.tolist()
+        c, s = math.cos(at), math.sin(at)
+        return np.array([ax + c * bx - s * by, ay + s * bx + c * by, _wrapped(at + bt)])
     c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
     pose = np.empty(np.broadcast_shapes(a.shape, b.shape))
     pose[..., 0] = a[..., 0] + c * b[..., 0] - s * b[..., 1]
@@ -31,6 +36,10 @@ def compose(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def inverse(a: np.ndarray) -> np.ndarray:
     """The pose of a's parent in the frame of a, for poses (..., 3)."""
     a = np.asarray(a, float)
+    if a.ndim == 1:
+        x, y, t = a.tolist()
+        c, s = math.cos(t), math.sin(t)
+        return np.array([-c * x - s * y, s * x - c * y, _wrapped(-t)])
     c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
     return np.stack(
         [
@@ -40,6 +49,10 @@ def inverse(a: np.ndarray) -> np.ndarray:
         ],
         axis=-1,
     )
+
+
+def _wrapped(angle: float) -> float:
+    return (angle + math.pi) % (2.0 * math.pi) - math.pi
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import Any
 from odometry.walk import LEAP, leaps
 from pipeline.motion import choose_motion
 from pipeline.recordings.base import Recording
-from pipeline.recordings.scan_log import ODDITIES, ScanLog
+from pipeline.recordings.scan_log import ODDITIES, USUAL, ScanLog
 from pipeline.rig import choose_rig
 from pipeline.run import Interrupted, MapRun, Progress, map_recording
 from pipeline.run_log import map_log
@@ -72,12 +72,13 @@ def log_job(log: ScanLog, settings: Settings, seed: int) -> Job:
     """
     notes = []
     if log.suggested:
-        told = (
-            f"{stage}.{key} {value:g}" if isinstance(value, float) else f"{stage}.{key} {value}"
-            for stage, values in log.suggested.items()
-            for key, value in values.items()
-        )
-        notes.append("the log says of itself: " + ", ".join(told))
+        notes.append("the log says of itself: " + _told(log.suggested))
+    assumed = {
+        stage: {k: v for k, v in values.items() if k not in log.suggested.get(stage, {})}
+        for stage, values in USUAL.items()
+    }
+    if any(assumed.values()):
+        notes.append("usual for a laser, unless set: " + _told(assumed))
     odd = [f"{log.counts[what]} {what}" for what in ODDITIES if log.counts[what]]
     if odd:
         notes.append(f"{', '.join(odd)}: scans are taken as they stand, in the file's order")
@@ -100,4 +101,13 @@ def log_job(log: ScanLog, settings: Settings, seed: int) -> Job:
         notes,
         log.skipped,
         truth,
+    )
+
+
+def _told(stages: dict[str, dict[str, Any]]) -> str:
+    """As in `odometry.along 0.03, mapping.spread False`."""
+    return ", ".join(
+        f"{stage}.{key} {value:g}" if isinstance(value, float) else f"{stage}.{key} {value}"
+        for stage, values in stages.items()
+        for key, value in values.items()
     )

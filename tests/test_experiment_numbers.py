@@ -171,7 +171,9 @@ def test_the_paper_s_settings_are_the_paper_s():
     assert (paper.match_weight, paper.particles, paper.window, paper.cell) == (50, 100, 10, 0.05)
     assert (paper.ego_motion, paper.match_tolerance, paper.min_overlap) == ("raw", 1, 50)
     assert not PAPER.sigma
-    assert OURS.settings == ()
+    ours = mapping_settings(OURS.settings)
+    assert (ours.ego_motion, ours.match_weight, ours.window) == ("matched", 20, 10)
+    assert OURS.sigma
 
 
 def test_perfect_sensors_give_the_ideal_map_and_the_exact_path(tmp_path):

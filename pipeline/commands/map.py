@@ -127,7 +127,7 @@ def _prepare(
                 )
     opened = open_input(path, fps)
     if isinstance(opened, ScanLog):
-        settings = load_settings(settings_file, overrides, opened.suggested)
+        settings = load_settings(settings_file, overrides, opened.fitting)
         return log_job(opened, settings, seed), settings
     settings = load_settings(settings_file, overrides)
     return recording_job(opened, rig, motion or "encoders", settings, seed, threads), settings

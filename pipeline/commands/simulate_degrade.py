@@ -113,10 +113,16 @@ def _write(path: Path, log: ScanLog, errors: StereoErrors, options: dict[str, An
         "floor": laser.floor,
         "maximum": "free",
     }
-    about = {stage: values for stage, values in log.suggested.items() if stage != "laser"}
-    write_carmen(
-        path, scans, log.odometry[kept], [_made_by(log, options)], {**about, "laser": doubt}
-    )
+    # So short a sight needs a camera's spacing; errors stay independent from beam to beam.
+    stereo = {
+        "spacing": 0.17,
+        "spacing_angle": 10.0,
+        "correlated": 1.0,
+        "window": 10,
+        "spread": False,
+    }
+    about = {**log.suggested, "laser": doubt, "mapping": stereo}
+    write_carmen(path, scans, log.odometry[kept], [_made_by(log, options)], about)
     return len(scans)
 
 

@@ -145,6 +145,14 @@ def _suggested(settings: PaperSettings, perfect: bool) -> dict[str, dict[str, An
             "maximum": "free",
             "max_range": settings.max_range,
         },
+        # Every position is an observation; errors are independent from beam to beam, so that the
+        # scans are trusted more, and hits taken as points.
+        "mapping": {
+            "spacing": 0.5 * settings.spacing,
+            "correlated": 1.0,
+            "window": 10,
+            "spread": False,
+        },
     }
 
 

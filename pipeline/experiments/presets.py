@@ -55,5 +55,10 @@ PAPER = Preset(
     sigma=False,
 )
 
-# The defaults of beemap: scan-matched ego-motion, ranges with their doubt, a milder k.
-OURS = Preset("ours", (), sigma=True)
+# The defaults of beemap (scan-matched ego-motion, a milder k), with what a simulated log says of
+# itself: every position counts, errors are independent from beam to beam, hits are points.
+OURS = Preset(
+    "ours",
+    ("mapping.spacing=0", "mapping.correlated=1", "mapping.spread=false"),
+    sigma=True,
+)
