@@ -129,7 +129,20 @@ def _observe(state, density, beams, seen, u0, v0, heading, cell, bearing, ranges
                 clear = until
             at = angle - turned
             number = _walk(
-                state, density, beams, seen, number, u0, v0, at, start, until, clear, wall, doubt, cell
+                state,
+                density,
+                beams,
+                seen,
+                number,
+                u0,
+                v0,
+                at,
+                start,
+                until,
+                clear,
+                wall,
+                doubt,
+                cell,
             )
         before, free_before, hit_before = end, free, hit
     return number

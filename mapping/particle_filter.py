@@ -64,9 +64,9 @@ class ParticleFilter:
     def add(self, local: LocalMap) -> FilterHealth:
         """One step of the algorithm above."""
         cells = classify(local, self.model, self.settings.match_tolerance)
-        self.poses, log_eta = self._sample(local)
+        self.poses = self._sample(local)
         overlap, matched = self._match(cells)
-        log_l = log_likelihoods(overlap, matched, self.settings) if log_eta is None else log_eta
+        log_l = log_likelihoods(overlap, matched, self.settings)
         recovered = self._weigh(log_l)
         self._update(cells)
         best = self.best
@@ -110,9 +110,9 @@ class ParticleFilter:
             probability(log_odds).astype(np.float32), (corner[0] * cell, corner[1] * cell), cell
         ).trimmed()
 
-    def _sample(self, local: LocalMap) -> tuple[np.ndarray, np.ndarray | None]:
+    def _sample(self, local: LocalMap) -> np.ndarray:
         """Eq (5): every particle moves by the motion and its own draw of the odometry's error, or
-        about its best match; ln of the weights that the match decides, else None."""
+        about the best match to its own map."""
         motion, step = local.motion, len(self._ancestors)
         rng = np.random.default_rng((self.seed, _MOTION_STREAM, step))
         draws = rng.standard_normal((len(self.poses), 3))
@@ -123,7 +123,7 @@ class ParticleFilter:
             )
         values, vectors = np.linalg.eigh(motion.covariance)
         root = vectors * np.sqrt(np.maximum(values, 0.0))
-        return compose(self.poses, motion.increment + draws @ root.T), None
+        return compose(self.poses, motion.increment + draws @ root.T)
 
     def _match(self, cells: LocalCells) -> tuple[np.ndarray, np.ndarray]:
         maps = self.maps

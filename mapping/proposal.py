@@ -6,8 +6,9 @@ Gaussian about the best place, whose information is that of odometry and of the 
 
     p(x_t | m, x_{t-1}, z_t, u_t)  ~  N(x*, (Sigma_u^-1 + H)^-1)
 
-with x* the maximum of the posterior and H the curvature of the hits' score there. The weight of
-the particle is the integral of that posterior (Laplace): it does not depend on the draw.
+with x* the maximum of the posterior and H the curvature of the hits' score there. Its weight stays
+that of eq (8), at the drawn pose: on real logs agreement of the whole view, free space included,
+tells good maps from bad ones far better than the integral of that posterior does.
 """
 
 from __future__ import annotations
@@ -22,9 +23,6 @@ from odometry.motion import Motion, compose
 
 # A hit on a sure obstacle is worth ln(1 + GAIN) of a hit on nothing.
 GAIN = 20.0
-# One scan after the other is matched to the same walls: their weights are far from independent,
-# and taken at face value they would leave few particles when a loop closes.
-TEMPER = 0.1
 # The motion comes from matched scans already: they must not count twice in full.
 REUSED = 3.0
 # First steps of the search along x and y [cells] and theta [rad]; halved down to LAST_STEP.
@@ -46,7 +44,7 @@ def propose(
     kappa: float,
     cell: float,
     noise: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
+) -> np.ndarray:
     """Draw poses about the best match of the hits to each particle's map.
 
     Args:
@@ -54,17 +52,16 @@ def propose(
         points: (n, 2) hits in the robot's frame [m]; kappa: the share of an independent
             measurement that each of them is; cell [m]; noise: (N, 3) standard normal draws.
 
-    Returns the poses (N, 3) and ln of the weights (N,), up to a constant. Odometry that claims to
-    be exact is believed.
+    Returns the poses (N, 3). Odometry that claims to be exact is believed.
     """
     if not motion.covariance.any():
-        return predicted, np.zeros(len(predicted))
+        return predicted
     turn = _turned_back(motion.increment[2])
     odometry = REUSED * turn @ motion.covariance @ turn.T + np.diag(LEAST_DOUBT**2)
     if len(points) < MIN_HITS:
-        return compose(predicted, noise @ np.linalg.cholesky(odometry).T), np.zeros(len(predicted))
+        return compose(predicted, noise @ np.linalg.cholesky(odometry).T)
     scale = np.array([cell, cell, 1.0])
-    moves, best, gained = refine(
+    moves, gained = refine(
         maps.tiles,
         maps.table,
         maps.corner,
@@ -80,9 +77,7 @@ def propose(
     )
     covariance = np.linalg.inv(np.linalg.inv(odometry) + _positive(gained))
     root = np.linalg.cholesky(covariance)
-    poses = compose(predicted, moves + (root @ noise[:, :, None])[..., 0])
-    log_eta = best + np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
-    return poses, TEMPER * log_eta
+    return compose(predicted, moves + (root @ noise[:, :, None])[..., 0])
 
 
 def _positive(gained: np.ndarray) -> np.ndarray:

@@ -89,12 +89,11 @@ def refine(
     """Match hits to every particle's own map, held back by odometry.
 
     poses: (N, 3) predicted; information: (3, 3) of a pose about its prediction, in that frame.
-    Returns the best moves (N, 3) in the predicted frames, the log posterior there (N,), and the
-    information (N, 3, 3) that the hits add (negative Hessian by differences of widths h (3,)).
+    Returns the best moves (N, 3) in the predicted frames, and the information (N, 3, 3) that the
+    hits add (negative Hessian by differences of widths h (3,)).
     """
     particles = len(poses)
     moves = np.zeros((particles, 3))
-    best = np.zeros(particles)
     gained = np.zeros((particles, 3, 3))
     nothing = np.zeros((3, 3))
     for k in prange(particles):
@@ -118,7 +117,7 @@ def refine(
                 xi[axis] = to
             if not improved:
                 scale *= 0.5
-        moves[k], best[k] = xi, top
+        moves[k] = xi
         for i in range(3):
             for j in range(i, 3):
                 rise = 0.0
@@ -144,4 +143,4 @@ def refine(
                             )
                         )
                 gained[k, i, j] = gained[k, j, i] = -rise / (4.0 * h[i] * h[j])
-    return moves, best, gained
+    return moves, gained

@@ -119,6 +119,7 @@ def _write(path: Path, log: ScanLog, errors: StereoErrors, options: dict[str, An
         "spacing_angle": 10.0,
         "correlated": 1.0,
         "window": 10,
+        "match_weight": 20.0,
         "spread": False,
     }
     about = {**log.suggested, "laser": doubt, "mapping": stereo}

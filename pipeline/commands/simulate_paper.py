@@ -151,6 +151,7 @@ def _suggested(settings: PaperSettings, perfect: bool) -> dict[str, dict[str, An
             "spacing": 0.5 * settings.spacing,
             "correlated": 1.0,
             "window": 10,
+            "match_weight": 20.0,
             "spread": False,
         },
     }

@@ -38,6 +38,7 @@ USUAL: dict[str, dict[str, Any]] = {
         "spacing_angle": 20.0,
         "correlated": 1.0,
         "window": 4,
+        "match_weight": 10.0,
     },
 }
 
