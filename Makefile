@@ -22,8 +22,8 @@ check: $(VENV)/installed-dev
 	$(BIN)/ruff format --check
 	$(BIN)/pyright
 
-# Writes what it measures to BENCHMARK.md.
-bench: $(VENV)/installed
+# Writes what it measures to BENCHMARK.md; the figures of the experiments to docs/experiments.
+bench: $(VENV)/installed-dev
 	$(BIN)/python -m benchmarks BENCHMARK.md
 
 install: $(VENV)/installed

@@ -5,10 +5,12 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from benchmarks import accuracy, end_to_end
+from benchmarks import accuracy, end_to_end, logs, simulated
 
 TITLE = "# Benchmarks\n\nThis page is written by `make bench`, from the repository's root."
 
-page = "\n\n".join([TITLE, end_to_end.main(), accuracy.main()]) + "\n"
+page = (
+    "\n\n".join([TITLE, end_to_end.main(), accuracy.main(), logs.main(), simulated.main()]) + "\n"
+)
 print(page)
 Path(sys.argv[1]).write_text(page, encoding="utf-8")

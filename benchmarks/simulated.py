@@ -1,0 +1,53 @@
+"""The experiments of `beemap experiment`, with so many seeds that the page is made in an hour.
+
+Begun folders are gone on with; more seeds: the command that stands in each table, with more.
+"""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+from benchmarks.report import machine
+
+FOLDER = Path("experiments")
+FIGURES = Path("docs/experiments")
+# name -> seeds, jobs. Where time is measured nothing else may run.
+EXPERIMENTS = {
+    "table": ("--seeds", "24", "--jobs", "2"),
+    "particles": ("--seeds", "2", "--jobs", "1"),
+    "cost": ("--seeds", "1", "--jobs", "1"),
+    "quality": ("--seeds", "3", "--jobs", "2"),
+    "readings": ("--seeds", "6", "--jobs", "2"),
+    "localmaps": (),
+    "maps": ("--seeds", "1", "--jobs", "2"),
+}
+
+
+def main(folder: Path = FOLDER) -> str:
+    """Run what is missing in `folder`; the section as Markdown, its figures in docs/experiments."""
+    FIGURES.mkdir(parents=True, exist_ok=True)
+    parts = ["## The paper's experiments: `python -m benchmarks.simulated`", f"{machine()}."]
+    for name, options in EXPERIMENTS.items():
+        output = folder / name
+        command = [sys.executable, "-m", "pipeline.cli", "experiment", name, "-o", str(output)]
+        subprocess.run([*command, *options], check=True)
+        parts.append(_demoted((output / "table.md").read_text(encoding="utf-8")))
+        for figure in sorted(output.glob("*.png")):
+            kept = FIGURES / f"{name}-{figure.name}"
+            shutil.copyfile(figure, kept)
+            parts.append(f"![{name}: {figure.stem}]({kept})")
+    return "\n\n".join(parts)
+
+
+def _demoted(page: str) -> str:
+    """A page as a part of another: its headings two levels lower."""
+    return "\n".join(
+        f"##{line}" if line.startswith("#") else line for line in page.strip().splitlines()
+    )
+
+
+if __name__ == "__main__":
+    print(main())
