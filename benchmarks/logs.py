@@ -97,7 +97,7 @@ def _as_stereo(intel: Path, folder: Path) -> list[str]:
             if not log.exists():
                 _beemap("simulate", "degrade", intel / "intel.clf.bz2", "-o", log, "--seed", seed)
             relations = intel / "intel.relations"
-            runs.append(_mapped(log, relations, folder / "run", seed, *options, "--threads", "1"))
+            runs.append(_mapped(log, relations, folder / "run", seed, *options, *PARTICLES))
         errors = [run.translation for run in runs]
         rows.append(
             [
@@ -112,7 +112,7 @@ def _as_stereo(intel: Path, folder: Path) -> list[str]:
         "### The Intel log as a stereo camera would see it",
         table(["method", "seeds 1 to 5 [m]", "mean [m]", "kept (< 1 m)", "CPU [s]"], rows),
         "`beemap simulate degrade intel.clf.bz2 -o LOG --seed N`: 66 deg, 8 m, depth noise 2 %, "
-        "one false block a frame, the laser's own beams a degree apart; 300 particles. Raw "
+        "one false block a frame, the laser's own beams a degree apart; 30 particles. Raw "
         "odometry: 7.37 m.",
     ]
 

@@ -102,7 +102,11 @@ def accumulate(density, cells, values, sign):
 
 @njit(cache=True, nogil=True)
 def score(density, x0, y0, cell, points, prior, information, kappa, pose):
-    """Log posterior of a pose (3,): hits on the density, and nearness to odometry."""
+    """Log posterior of a pose (3,): hits (n, 2) on the density (H, W), and nearness to odometry.
+
+    x0, y0: lower-left corner of the density [m]; prior (3,), information (3, 3): of the pose by
+    odometry; kappa: the share of an independent measurement that a hit is.
+    """
     c, s = math.cos(pose[2]), math.sin(pose[2])
     rows, columns = density.shape
     total, product = 0.0, 1.0
@@ -131,7 +135,10 @@ def score(density, x0, y0, cell, points, prior, information, kappa, pose):
 
 @njit(cache=True, nogil=True)
 def climb(density, x0, y0, cell, points, prior, information, kappa, first_step, last_step):
-    """Pose (3,) of the highest score near `prior`: steps along the axes, halved when none helps."""
+    """Pose (3,) of the highest score near `prior`: steps along the axes, halved when none helps.
+
+    first_step: (3,) along x, y [m] and theta [rad], halved down to the share last_step of it.
+    """
     pose = prior.copy()
     trial = prior.copy()
     best = score(density, x0, y0, cell, points, prior, information, kappa, pose)

@@ -24,8 +24,7 @@ from stereo.scan import RangeScan
 
 REMEMBERED = 20  # scans that make up the density
 LEAST_SPACING = np.radians(0.5)  # hits closer together than this are thinned out
-MIN_HITS = 15
-DOUBT = 1.0  # with fewer odometry alone leads
+MIN_HITS = 15  # with fewer odometry alone leads
 # Neighbouring hits closer than this [m] lie on one surface, which is drawn between them: single
 # dots would attract the dots of the next scan, which the robot takes along.
 ONE_SURFACE = 0.5
@@ -41,7 +40,6 @@ CURVATURE_WIDTH = np.array([0.01, 0.01, np.radians(0.25)])
 # The grid reaches so far beyond the hits, and further when it is drawn anew [m].
 MARGIN = 0.5
 TRAVEL = 3.0
-# Keeps the information of odometry finite in directions it claims to know exactly [m, m, rad].
 # Keeps the information of odometry finite in directions it claims to know exactly [m, m, rad].
 LEAST_DOUBT = np.array([1e-4, 1e-4, 2e-5])
 

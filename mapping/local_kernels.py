@@ -17,11 +17,11 @@ HIT_WITHIN = 1.5
 FREE_BEFORE = 2.0
 # Standard deviation of a hit's place within its cell, as a share of the cell (uniform: 0.29).
 WITHIN_CELL = 0.29
+# Neighbouring hits closer than this lie on one surface [m].
+ONE_SURFACE = 0.25
 # Likeliness is compared this many cells to both sides along the line of sight.
 THIN_REACH = 3
 
-# Neighbouring hits closer than this lie on one surface [m].
-ONE_SURFACE = 0.25
 # What one observation says of a cell; DOUBTFUL: neither free nor hit.
 _FREE, _HIT, _DOUBTFUL = 1, 2, 3
 
@@ -152,7 +152,12 @@ def _observe(state, density, beams, seen, u0, v0, heading, cell, bearing, ranges
 def _walk(
     state, density, beams, seen, number, u0, v0, angle, start, end, free_until, hit, doubt, cell
 ):
-    """One beam, free up to free_until; all lengths in cells."""
+    """Walk one beam from `start` to `end`, where it hits or not; free up to `free_until`.
+
+    Lengths are cells from (u0, v0). Marks in `state` what the beam says of its cells, sums its
+    likeliness in `density` and `beams`, and appends cells not met before to `seen`; the number of
+    those so far.
+    """
     rows, columns = state.shape
     c, s = math.cos(angle), math.sin(angle)
     spread = math.hypot(doubt, WITHIN_CELL)

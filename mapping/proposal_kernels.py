@@ -86,9 +86,13 @@ def _posterior(tiles, table, corner, cell, points, gain, kappa, pose, informatio
 def refine(
     tiles, table, corner, poses, cell, points, gain, kappa, information, first_step, last_step, h
 ):
-    """Match hits to every particle's own map, held back by odometry.
+    """Match hits (n, 2) m to every particle's own map, held back by odometry.
 
-    poses: (N, 3) predicted; information: (3, 3) of a pose about its prediction, in that frame.
+    tiles, table, corner: of `TileMaps`; poses: (N, 3) predicted; cell [m]; kappa: the share of an
+    independent measurement that a hit is; information: (3, 3) of a pose about its prediction, in
+    that frame; first_step: (3,) of the search along x, y [m] and theta [rad], halved down to the
+    share last_step of it.
+
     Returns the best moves (N, 3) in the predicted frames, and the information (N, 3, 3) that the
     hits add (negative Hessian by differences of widths h (3,)).
     """
@@ -126,21 +130,9 @@ def refine(
                         trial[:] = xi
                         trial[i] += a * h[i]
                         trial[j] += b * h[j]
-                        rise += (
-                            a
-                            * b
-                            * _posterior(
-                                tiles,
-                                own,
-                                corner,
-                                cell,
-                                points,
-                                gain,
-                                kappa,
-                                poses[k],
-                                nothing,
-                                trial,
-                            )
+                        value = _posterior(
+                            tiles, own, corner, cell, points, gain, kappa, poses[k], nothing, trial
                         )
+                        rise += a * b * value
                 gained[k, i, j] = gained[k, j, i] = -rise / (4.0 * h[i] * h[j])
     return moves, gained

@@ -59,6 +59,18 @@ def office(office_piece, tmp_path) -> Path:
     return Path(shutil.copytree(office_piece, tmp_path / "office"))
 
 
+@pytest.fixture(scope="module")
+def one_thread():
+    """The kernels run in one thread: two of them that wait for each other, with the machine busy,
+    take ten times as long."""
+    import numba
+
+    before = numba.get_num_threads()
+    numba.set_num_threads(1)
+    yield
+    numba.set_num_threads(before)
+
+
 @pytest.fixture
 def beemap(monkeypatch, capfd) -> Callable[..., Outcome]:
     """Run `beemap` with these arguments in this process; an error that is a bug stays one."""

@@ -137,7 +137,7 @@ def test_the_table_says_how_the_methods_compare(world, tmp_path, monkeypatch):
     for spec in plan:
         runs[spec.varied.partition(":")[0]] += spec.method == "hierarchical"
     assert list(runs.values()) == [200, 48, 48, 48, 48, 24]
-    assert sum("matched proposal" in spec.varied for spec in plan) == 3 * 24
+    assert sum("matched proposal" in spec.varied for spec in plan) == 3 * 3
     monkeypatch.setattr(
         table, "run_batch", lambda plan, *_: Batch([Run(spec, made_up(spec)) for spec in plan])
     )

@@ -1,4 +1,4 @@
-"""Ego-motion matched on scans: its kernels, what it corrects, what it leaves alone, the mapper."""
+"""Ego-motion matched on scans: what it corrects, what it leaves alone, its covariance."""
 
 import math
 from itertools import pairwise
@@ -6,107 +6,26 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from mapping.density_kernels import add_hits, climb, score
 from mapping.ego_motion import MIN_HITS, EgoMotion, hits
-from mapping.mapper import HierarchicalMapper
 from mapping.settings import MappingSettings
 from odometry.motion import Motion, compose, inverse
-from tests.test_mapping_stage1 import scan
-from tests.test_mapping_stage2 import room_ranges
+from simulation.paper import PaperSettings, simulate
+from simulation.world import load_world
+from tests.mapping_data import (
+    CELL,
+    MIRROR,
+    mirrored,
+    room_ranges,
+    round_the_room,
+    scan,
+    wall,
+)
 
-CELL = 0.05
+CORRELATED = math.radians(MappingSettings().correlated)
 STEP = 0.17  # travel between observations [m]
 BIAS = math.radians(0.5)  # turn that odometry misses at every step
 DOUBT = np.array([0.01, 0.01, BIAS])
 COVARIANCE = np.diag(DOUBT**2)
-
-
-def add_hits_twin(density, x0, y0, cell, points, doubt):
-    """`add_hits` in plain numpy: the highest bump in every cell that a hit's box touches."""
-    low_x = x0 + np.arange(density.shape[1]) * cell
-    low_y = y0 + np.arange(density.shape[0])[:, None] * cell
-    layer = np.zeros_like(density)
-    for (x, y), sd in zip(points, doubt, strict=True):
-        reach = 2.5 * sd
-        touched = (low_x <= x + reach) & (low_x + cell > x - reach)
-        touched = touched & (low_y <= y + reach) & (low_y + cell > y - reach)
-        off = (low_x + 0.5 * cell - x) ** 2 + (low_y + 0.5 * cell - y) ** 2
-        layer = np.maximum(layer, np.where(touched, np.exp(-0.5 * off / sd**2), 0.0))
-    return density + layer
-
-
-def score_twin(density, x0, y0, cell, points, prior, information, kappa, pose):
-    """`score` in plain numpy."""
-    placed = compose(pose, np.column_stack([points, np.zeros(len(points))]))
-    u, v = (placed[:, 0] - x0) / cell - 0.5, (placed[:, 1] - y0) / cell - 0.5
-    column, row = np.floor(u).astype(int), np.floor(v).astype(int)
-    inside = (row >= 0) & (row < density.shape[0] - 1)
-    inside &= (column >= 0) & (column < density.shape[1] - 1)
-    u, v, row, column = u[inside], v[inside], row[inside], column[inside]
-    a, b = u - column, v - row
-    d = (
-        (1 - a) * (1 - b) * density[row, column]
-        + a * (1 - b) * density[row, column + 1]
-        + (1 - a) * b * density[row + 1, column]
-        + a * b * density[row + 1, column + 1]
-    )
-    off = pose - prior
-    return kappa * np.log1p(d).sum() - 0.5 * off @ information @ off
-
-
-def random_hits(rng, n):
-    """Hits in and around the box from (-1, -0.7) to (1, 0.7), and their doubts."""
-    return rng.uniform([-1.6, -1.3], [1.6, 1.3], (n, 2)), rng.uniform(0.03, 0.25, n)
-
-
-def test_hit_density_equals_its_numpy_twin_and_leaves_the_scratch_layer_zero():
-    rng = np.random.default_rng(1)
-    for _ in range(5):
-        density = rng.random((28, 40))
-        points, doubt = random_hits(rng, 60)
-        expected = add_hits_twin(density, -1.0, -0.7, CELL, points, doubt)
-        assert (expected - density > 0.5).any()
-        layer = np.zeros_like(density)
-        add_hits(density, layer, -1.0, -0.7, CELL, points, doubt)
-        np.testing.assert_allclose(density, expected, rtol=1e-12, atol=1e-12)
-        assert not layer.any()
-
-
-def random_terms(rng):
-    """Arguments of `score` up to kappa: a density, hits in and around it, a prior."""
-    root = rng.normal(0, 5, (3, 3))
-    prior = rng.uniform(-0.3, 0.3, 3)
-    information = root @ root.T + np.eye(3)
-    points, _ = random_hits(rng, 80)
-    return 3.0 * rng.random((28, 40)), -1.0, -0.7, CELL, points, prior, information, 0.15
-
-
-def test_score_equals_its_numpy_twin():
-    rng = np.random.default_rng(2)
-    for _ in range(20):
-        terms = random_terms(rng)
-        pose = terms[5] + rng.normal(0, [0.1, 0.1, 0.3])
-        assert score(*terms, pose) == pytest.approx(score_twin(*terms, pose), rel=1e-10)
-
-
-def test_the_climb_ends_no_lower_than_it_starts_where_no_last_step_helps():
-    rng = np.random.default_rng(3)
-    first_step, last = np.array([0.02, 0.02, 0.01]), 0.25
-    for _ in range(10):
-        terms = random_terms(rng)
-        best = climb(*terms, first_step, last)
-        height = score(*terms, best)
-        assert height >= score(*terms, terms[5])
-        for step in np.diag(last * first_step):
-            assert score(*terms, best + step) <= height
-            assert score(*terms, best - step) <= height
-
-
-def round_the_room(n, step=STEP):
-    """True poses (n, 3) on an ellipse in the room of `room_ranges`, about `step` [m] apart."""
-    angle = np.arange(n) * step / 1.5
-    heading = np.arctan2(1.2 * np.cos(angle), -1.9 * np.sin(angle))
-    return np.stack([1.9 * np.cos(angle), 1.2 * np.sin(angle), heading], axis=1)
 
 
 def room_scan(pose, rng):
@@ -129,7 +48,7 @@ def biased_odometry(true):
 
 def refined(scans, motions):
     """All motions after the first scan, matched one after another."""
-    ego = EgoMotion(CELL)
+    ego = EgoMotion(CELL, CORRELATED)
     ego.refine(scans[0], Motion.none(0))
     return [ego.refine(s, m) for s, m in zip(scans[1:], motions, strict=True)]
 
@@ -209,9 +128,31 @@ def test_a_blank_corridor_helps_across_and_in_heading_and_leaves_the_way_along_a
     assert with_memory[2] < 0.5
 
 
+def test_the_robots_frame_is_that_of_its_odometrys_doubt():
+    """The same drive on a grid that lies a quarter turn aside: odometry is doubtful along the
+    robot's way, wherever that leads on the grid."""
+    rng = np.random.default_rng(3)
+    true = round_the_room(12)
+    scans = [room_scan(pose, rng) for pose in true]
+    doubt = np.diag([0.03, 0.003, BIAS]) ** 2
+    ahead = np.array([0.02, 0.0, 0.0])
+    motions = [Motion(compose(inverse(a), b) + ahead, doubt) for a, b in pairwise(true)]
+    first = [Motion.none(0), Motion(np.array([0.0, 0.0, math.pi / 2]))]
+    drives = []
+    for start in first:
+        ego = EgoMotion(CELL, CORRELATED)
+        ego.refine(scans[0], start)
+        drives.append([ego.refine(s, m) for s, m in zip(scans[1:], motions, strict=True)])
+    sd = np.sqrt([[np.diag(m.covariance) for m in drive] for drive in drives])
+    np.testing.assert_allclose(sd[0], sd[1], rtol=0.3)
+    off = np.array([a.increment - b.increment for a, b in zip(*drives, strict=True)])
+    assert (np.abs(off) < sd[0]).all()
+    assert (sd[0][:, 1] < 0.003 + 1e-9).all()
+
+
 def test_exact_odometry_is_left_untouched():
     rng = np.random.default_rng(6)
-    ego = EgoMotion(CELL)
+    ego = EgoMotion(CELL, CORRELATED)
     for pose in round_the_room(4):
         motion = Motion(np.array([STEP, 0.01, 0.02]))
         assert ego.refine(room_scan(pose, rng), motion) is motion
@@ -219,7 +160,7 @@ def test_exact_odometry_is_left_untouched():
 
 def test_a_matched_motion_keeps_its_stamps():
     rng = np.random.default_rng(6)
-    ego = EgoMotion(CELL)
+    ego = EgoMotion(CELL, CORRELATED)
     first, second = round_the_room(2)
     ego.refine(room_scan(first, rng), Motion.none(10))
     odometry = Motion(compose(inverse(first), second), COVARIANCE, 10, 20)
@@ -237,7 +178,7 @@ def sparse(n):
 
 @pytest.mark.parametrize(("n", "left_alone"), [(MIN_HITS - 1, True), (MIN_HITS, False)])
 def test_a_scan_with_too_few_hits_leaves_the_motion_untouched(n, left_alone):
-    ego = EgoMotion(CELL)
+    ego = EgoMotion(CELL, CORRELATED)
     ego.refine(room_scan(np.zeros(3), np.random.default_rng(0)), Motion.none(0))
     motion = Motion(np.array([STEP, 0.0, 0.0]), COVARIANCE)
     assert (ego.refine(sparse(n), motion) is motion) == left_alone
@@ -248,7 +189,7 @@ def test_scans_without_a_hit_pass_the_motion_on_and_harm_no_later_match(nothing)
     rng = np.random.default_rng(8)
     blind = scan(np.full(265, nothing))
     motion = Motion(np.array([STEP, 0.0, 0.0]), COVARIANCE)
-    ego = EgoMotion(CELL)
+    ego = EgoMotion(CELL, CORRELATED)
     assert ego.refine(blind, motion) is motion
     assert ego.refine(blind, motion) is motion
 
@@ -264,105 +205,97 @@ def test_scans_without_a_hit_pass_the_motion_on_and_harm_no_later_match(nothing)
 def test_a_first_scan_has_nothing_to_be_matched_with():
     motion = Motion(np.array([STEP, 0.0, 0.0]), COVARIANCE)
     assert (
-        EgoMotion(CELL).refine(room_scan(np.zeros(3), np.random.default_rng(0)), motion) is motion
+        EgoMotion(CELL, CORRELATED).refine(room_scan(np.zeros(3), np.random.default_rng(0)), motion)
+        is motion
     )
 
 
 def test_hits_about_max_range_away_are_left_out():
-    ranges = np.array([3.0, 0.0, 3.79, 0.0, 3.81, 0.0, 4.0, 0.0, np.inf, 0.0, np.nan])
-    points, doubt = hits(scan(ranges, sigma=0.1, max_range=4.0))
+    ranges = np.array([3.0, 3.79, 3.81, 4.0, np.inf, np.nan])
+    points, doubt, _ = hits(scan(ranges, sigma=0.1, max_range=4.0), CORRELATED)
     np.testing.assert_allclose(np.hypot(*points.T), [3.0, 3.79])
     np.testing.assert_allclose(doubt, 0.1)
 
 
 def test_hits_stand_in_the_robots_frame():
-    turned = scan([2.0, 2.0, 2.0], fov=180.0, origin=(0.1, -0.2, math.radians(90)))
-    points, _ = hits(turned)
+    turned = scan([2.0, np.nan, 2.0], fov=180.0, origin=(0.1, -0.2, math.radians(90)))
+    points, _, _ = hits(turned, CORRELATED)
     np.testing.assert_allclose(points, [[2.1, -0.2], [-1.9, -0.2]], atol=1e-12)
 
 
-BETWEEN = 3  # pairs from one observation to the next
-PAIRS = 60
+@pytest.mark.parametrize(
+    ("beams", "used", "share"), [(265, 133, 0.5 / 3.0), (67, 67, 1.0 / 3.0), (12, 12, 1.0)]
+)
+def test_dense_beams_are_thinned_and_count_by_the_angle_that_shares_an_error(beams, used, share):
+    """Over 66 deg, every half degree is enough; errors are shared over three."""
+    points, _, kappa = hits(scan(wall(2.0, beams)), math.radians(3.0))
+    assert len(points) == used
+    assert kappa == pytest.approx(share)
 
 
-def biased_pairs():
-    """Scan and odometry of every pair of a drive round the room, BETWEEN pairs a STEP."""
-    rng = np.random.default_rng(9)
-    true = round_the_room(PAIRS, STEP / BETWEEN)
-    turned = np.array([0.0, 0.0, BIAS / BETWEEN])
-    motions = [Motion.none(0)] + [
-        Motion(compose(inverse(a), b) + turned, COVARIANCE / BETWEEN, i, i + 1)
-        for i, (a, b) in enumerate(pairwise(true))
-    ]
-    return [(room_scan(pose, rng), motion) for pose, motion in zip(true, motions, strict=True)]
+@pytest.fixture(scope="module")
+def paper_run():
+    """The paper's robot on the first part of its way: 400 positions, 80 m."""
+    world = load_world("flat")
+    assert world.route is not None
+    return simulate(world, world.route, PaperSettings(positions=400), 1)
 
 
-def mapper_of(ego_motion):
-    return HierarchicalMapper(MappingSettings(ego_motion=ego_motion, particles=20, window=5), 1)
+@pytest.fixture(scope="module")
+def paper_motions(paper_run):
+    """Its matched motions; the simulated errors of neighbouring beams are independent."""
+    ego = EgoMotion(CELL, math.radians(0.6))
+    return [ego.refine(*pair) for pair in zip(paper_run.scans, paper_run.motions, strict=True)]
 
 
-@pytest.mark.parametrize("ego_motion", ["raw", "matched"])
-def test_every_pair_gets_a_pose_and_at_a_closing_it_is_the_best_particles(ego_motion):
-    mapper, closings = mapper_of(ego_motion), 0
-    for pair in biased_pairs():
-        before = len(mapper.filter.health)
-        pose = mapper.add(*pair)
-        np.testing.assert_array_equal(pose, mapper.online[-1])
-        if len(mapper.filter.health) > before:
-            closings += 1
-            best = mapper.filter.poses[mapper.filter.best]
-            np.testing.assert_allclose(mapper.online[-1], best, rtol=0, atol=1e-12)
-    assert closings >= 3
-    _, path = mapper.finish()
-    assert path.shape == np.array(mapper.online).shape == (PAIRS, 3)
-    assert np.isfinite(path).all()
+def errors(motions, true):
+    """Of the increments to poses (n, 3), (n - 1, 3), and their covariances."""
+    off = np.array([m.increment for m in motions[1:]]) - compose(inverse(true[:-1]), true[1:])
+    return off, np.array([m.covariance for m in motions[1:]])
 
 
-def test_matched_motion_leads_the_pairs_between_local_maps_better_than_raw_odometry():
-    true = round_the_room(PAIRS, STEP / BETWEEN)
-    turn = compose(inverse(true[0]), true)[:, 2]
-    errors = {}
-    for ego_motion in ("raw", "matched"):
-        mapper = mapper_of(ego_motion)
-        for seen, motion in biased_pairs()[: 4 * BETWEEN]:
-            mapper.add(seen, motion)
-        assert not mapper.filter.health, "a local map closed"
-        errors[ego_motion] = abs(mapper.path()[-1, 2] - turn[4 * BETWEEN - 1])
-    assert errors["matched"] < 0.8 * errors["raw"]
+def nees(motions, true):
+    """Normalised squared errors (n - 1,): chi-square with 3 degrees of freedom when fair."""
+    off, covariance = errors(motions, true)
+    return (off * np.linalg.solve(covariance, off[:, :, None])[..., 0]).sum(axis=1)
 
 
-def test_between_observations_the_pose_moves_on_by_odometry():
-    mapper, previous, between = mapper_of("matched"), np.zeros(3), 0
-    for seen, motion in biased_pairs():
-        due = mapper.gate.step(motion.increment)
-        mapper.move(motion)
-        step = compose(inverse(previous), mapper.pose)
-        np.testing.assert_allclose(step, motion.increment, rtol=0, atol=1e-12)
-        if due:
-            mapper.observe(seen)
-        between += not due
-        previous = mapper.pose
-    assert between > PAIRS / 2
+def test_the_covariance_is_that_of_the_errors(paper_run, paper_motions):
+    """NEES averages 3 for a fair covariance, with a standard error of .12 over 400 steps."""
+    fair = nees(paper_run.motions, paper_run.truth)
+    assert fair.mean() == pytest.approx(3.0, abs=0.5)
+    matched = nees(paper_motions, paper_run.truth)
+    assert 2.0 < matched.mean() < 4.5
+    assert np.mean(matched < 7.815) > 0.9  # 95 % of chi-square
 
 
-def test_the_path_spreads_a_correction_over_the_pairs_before_it():
-    """No step of the path differs from odometry's by more than its whole interval does."""
-    mapper, observed = mapper_of("matched"), []
-    for i, (seen, motion) in enumerate(biased_pairs()):
-        due = mapper.gate.step(motion.increment)
-        mapper.move(motion)
-        if due:
-            mapper.observe(seen)
-            observed.append(i)
-    path, odometry = mapper.path(), np.array(mapper.odometry)
+def test_matching_mends_the_papers_odometry(paper_run, paper_motions):
+    raw, covariance = errors(paper_run.motions, paper_run.truth)
+    matched, smaller = errors(paper_motions, paper_run.truth)
+    rms = np.sqrt((matched**2).mean(axis=0) / (raw**2).mean(axis=0))
+    assert (rms < (0.7, 0.8, 0.7)).all()
+    assert np.linalg.det(smaller).mean() < 0.1 * np.linalg.det(covariance).mean()
 
-    def corrected(i, j):
-        steps = [compose(inverse(p[i]), p[j]) for p in (path, odometry)]
-        return np.abs(compose(inverse(steps[1]), steps[0]))
 
-    tolerance = np.array([1e-3, 1e-3, 1e-9])
-    whole = [corrected(i, j) for i, j in pairwise(observed)]
-    for (i, j), most in zip(pairwise(observed), whole, strict=True):
-        for k in range(i, j):
-            assert (corrected(k, k + 1) <= most + tolerance).all()
-    assert np.max(whole, axis=0)[2] > 0.5 * BIAS
+def assert_alike(increments, motions):
+    """Increments (n, 3) are those of the motions, but for the raster of the density: on it they
+    scatter by a fraction of their doubt, without favouring a side."""
+    off = (increments - np.array([m.increment for m in motions]))[1:]
+    off /= np.sqrt([np.diag(m.covariance) for m in motions[1:]])
+    assert (np.sqrt((off**2).mean(axis=0)) < 0.4).all()
+    assert (np.abs(off) < 2.0).all()
+    assert (np.abs(off.mean(axis=0)) < 0.06).all()
+
+
+def test_where_the_grid_lies_does_not_matter(paper_run, paper_motions, monkeypatch):
+    """Nor whether it is drawn anew: a wider one need not be."""
+    monkeypatch.setattr("mapping.ego_motion.TRAVEL", 20.0)
+    ego = EgoMotion(CELL, math.radians(0.6))
+    pairs = zip(paper_run.scans, paper_run.motions, strict=True)
+    assert_alike([ego.refine(seen, motion).increment for seen, motion in pairs], paper_motions)
+
+
+def test_a_mirrored_drive_gives_mirrored_motions(paper_run, paper_motions):
+    ego = EgoMotion(CELL, math.radians(0.6))
+    pairs = mirrored(list(zip(paper_run.scans, paper_run.motions, strict=True)))
+    assert_alike([ego.refine(*pair).increment * MIRROR for pair in pairs], paper_motions)
