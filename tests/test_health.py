@@ -26,7 +26,8 @@ def step(
     n_eff: float = 60.0, resampled: bool = False, matched: float = 0.9, **other
 ) -> FilterHealth:
     fields = {
-        "stamp": 0, "observations": 10, "recovered": False, "overlap": 500, "judged": 100, "answered": 0.9, "tiles": 9,
+        "stamp": 0, "observations": 10, "recovered": False, "overlap": 500, "judged": 100,
+        "answered": 0.9, "tiles": 9,
     }  # fmt: skip
     return FilterHealth(n_eff=n_eff, resampled=resampled, matched=matched, **{**fields, **other})
 
