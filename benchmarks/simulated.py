@@ -59,10 +59,9 @@ def main(folder: Path = FOLDER) -> str:
 
 
 def _demoted(page: str) -> str:
-    """A page as a part of another: its headings two levels lower."""
-    return "\n".join(
-        f"##{line}" if line.startswith("#") else line for line in page.strip().splitlines()
-    )
+    """A page as a part of another: its headings two levels lower, its figures left to `main`."""
+    lines = [line for line in page.strip().splitlines() if not line.startswith("![")]
+    return "\n".join(f"##{line}" if line.startswith("#") else line for line in lines)
 
 
 if __name__ == "__main__":
