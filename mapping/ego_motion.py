@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mapping.density_kernels import accumulate, bumps, climb, curvature, joined
-from odometry.motion import Motion, compose, inverse
+from odometry.motion import Motion, compose, inverse, placed, rotation
 from stereo.scan import RangeScan
 
 REMEMBERED = 20  # scans that make up the density
@@ -155,17 +155,6 @@ def hits(scan: RangeScan, correlated: float) -> tuple[np.ndarray, np.ndarray, fl
     points = np.stack([r * np.cos(angle), r * np.sin(angle)], axis=1)
     kappa = min(1.0, stride * spacing / correlated)
     return placed(np.array(scan.origin), points), sigma[seen], kappa
-
-
-def placed(pose: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Points (n, 2) of the frame that stands at `pose` (3,)."""
-    return points @ rotation(pose[2]).T + pose[:2]
-
-
-def rotation(angle: float) -> np.ndarray:
-    """Matrix (2, 2) that turns by an angle [rad]."""
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[c, -s], [s, c]])
 
 
 def _covariance(odometry: np.ndarray, gained: np.ndarray) -> np.ndarray:

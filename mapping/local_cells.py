@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from dataclasses import dataclass
 
 import cv2
@@ -35,6 +36,28 @@ class LocalCells:
         return cells.min(axis=0), cells.max(axis=0)
 
 
+@dataclass(frozen=True)
+class PackedCells:
+    """Local cells kept for the length of a run: mostly empty, they pack to a few kB."""
+
+    packed: bytes
+    shape: tuple[int, int]
+    origin: tuple[float, float]
+    cell: float
+
+    @staticmethod
+    def of(cells: LocalCells) -> PackedCells:
+        """Pack."""
+        return PackedCells(
+            zlib.compress(cells.bits.tobytes(), 1), cells.bits.shape, cells.origin, cells.cell
+        )
+
+    def cells(self) -> LocalCells:
+        """Unpack."""
+        bits = np.frombuffer(zlib.decompress(self.packed), np.uint8).reshape(self.shape)
+        return LocalCells(bits, _near(bits), self.origin, self.cell)
+
+
 def classify(local: LocalMap, model: SensorModel, tolerance: int) -> LocalCells:
     """Decide the cells of a local map.
 
@@ -54,10 +77,13 @@ def classify(local: LocalMap, model: SensorModel, tolerance: int) -> LocalCells:
         | np.where(likely, NEAR_OCCUPIED, 0)
         | np.where(possible, POSSIBLE, 0)
     ).astype(np.uint8)
-    near = cv2.dilate((bits & (OCCUPIED | FREE) > 0).astype(np.uint8), _square(AROUND))
     margin = MARGIN * local.cell
     x, y = local.origin
-    return LocalCells(bits, near, (x - margin, y - margin), local.cell)
+    return LocalCells(bits, _near(bits), (x - margin, y - margin), local.cell)
+
+
+def _near(bits: np.ndarray) -> np.ndarray:
+    return cv2.dilate((bits & (OCCUPIED | FREE) > 0).astype(np.uint8), _square(AROUND))
 
 
 def _square(reach: int) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""HierarchicalMapper: both stages and the path, for one pair after another.
+"""HierarchicalMapper: both stages, the path and its smoothing, for one pair after another.
 
 mapper = HierarchicalMapper()
 for scan, motion in data:
@@ -9,6 +9,7 @@ grid, path = mapper.finish()
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 
@@ -19,6 +20,8 @@ from mapping.local_map import LocalMap, LocalMapper
 from mapping.particle_filter import ParticleFilter
 from mapping.path import join
 from mapping.settings import MappingSettings
+from mapping.smoothing import smooth
+from mapping.surface_matching import Glimpse, surface
 from odometry.motion import Motion, compose, inverse
 from stereo.scan import RangeScan
 
@@ -49,6 +52,8 @@ class HierarchicalMapper:
         self._matched: list[np.ndarray] = [np.zeros(3)]
         # Of those, the ones that closed a local map: there the filter's poses stand.
         self._closed: list[int] = [0]
+        self._glimpses: list[Glimpse] = []  # of those local maps, for the smoothing
+        self._smoothed: np.ndarray | None = None  # the filter's poses, when the run is over
 
     def add(self, scan: RangeScan, motion: Motion) -> np.ndarray:
         """Take in one pair; the robot's pose (3,) as it is known now."""
@@ -95,21 +100,47 @@ class HierarchicalMapper:
         return self.online[-1]
 
     def finish(self) -> tuple[OccupancyGrid, np.ndarray]:
-        """Use the last, shorter local map; the best particle's map and path (pairs, 3)."""
+        """Use the last, shorter local map, smooth the path; the map and the path (pairs, 3)."""
         rest = self.local_mapper.flush()
         if rest is not None:
             self._close(rest)
-        return self.filter.grid(), self.path()
+        if self._glimpses:
+            self._smoothed = self._smooth()
+        return self.grid(), self.path()
+
+    def grid(self) -> OccupancyGrid:
+        """The best particle's map; after `finish` drawn along the smoothed path."""
+        return self.filter.grid() if self._smoothed is None else self.filter.redrawn(self._smoothed)
 
     def path(self) -> np.ndarray:
-        """Poses (n, 3) of all pairs so far on the best particle's history."""
+        """Poses (n, 3) of all pairs so far on the best particle's history; after `finish`
+        smoothed."""
         odometry = np.array(self.odometry).reshape(-1, 3)
         if not len(odometry):
             return odometry
         observed = np.array(self._observed)
         matched = join(odometry, observed, np.array(self._matched))
-        return join(matched, observed[self._closed], self.filter.path())
+        closed = self.filter.path() if self._smoothed is None else self._smoothed
+        return join(matched, observed[self._closed], closed)
 
     def _close(self, local: LocalMap) -> None:
         self.filter.add(local)
         self._closed.append(len(self._observed) - 1)
+        if self.settings.smoothing:
+            self._glimpses.append(Glimpse.of(local))
+
+    def _smooth(self) -> np.ndarray:
+        """The filter's poses (steps + 1, 3), smoothed window by window."""
+        path, steps = self.filter.path(), len(self._glimpses)
+        # Windows of single observations are put together along the filter's path, which knows
+        # more of them than the motion.
+        known = path if self.settings.per_scan else np.array(self._matched)
+        length = self.settings.window if self.settings.per_scan else 1
+        ends = np.append(np.arange(0, steps, length), steps)
+        surfaces = []
+        for i, j in pairwise(ends.tolist()):
+            first, last = self._closed[i] + 1, self._closed[j]
+            frames = known[np.array(self._closed[i + 1 : j + 1])]
+            middle = known[(first + last) // 2]
+            surfaces.append(surface(self._glimpses[i:j], frames, middle, self.settings.cell))
+        return join(path, ends, smooth(surfaces, path[ends], self.settings.cell))

@@ -16,7 +16,7 @@ import numpy as np
 
 from mapping.global_kernels import match, touched, update
 from mapping.grid import OccupancyGrid
-from mapping.local_cells import LocalCells, classify
+from mapping.local_cells import LocalCells, PackedCells, classify
 from mapping.local_map import LocalMap
 from mapping.proposal import propose
 from mapping.sensor_model import SensorModel, probability
@@ -60,6 +60,7 @@ class ParticleFilter:
         self.health: list[FilterHealth] = []
         self._history: list[np.ndarray] = [self.poses]  # poses after each step
         self._ancestors: list[np.ndarray] = []  # of each step, in the step before
+        self._seen: list[PackedCells] = []  # what each step added to the maps
 
     def add(self, local: LocalMap) -> FilterHealth:
         """One step of the algorithm above."""
@@ -68,7 +69,8 @@ class ParticleFilter:
         overlap, matched = self._match(cells)
         log_l = log_likelihoods(overlap, matched, self.settings)
         recovered = self._weigh(log_l)
-        self._update(cells)
+        self._update(self.maps, cells, self.poses)
+        self._seen.append(PackedCells.of(cells))
         best = self.best
         n_eff, resampled = self._resample()
         health = FilterHealth(
@@ -104,7 +106,18 @@ class ParticleFilter:
 
     def grid(self, particle: int | None = None) -> OccupancyGrid:
         """A particle's map; None: the best's."""
-        log_odds, corner = self.maps.log_odds(self.best if particle is None else particle)
+        return self._as_grid(self.maps, self.best if particle is None else particle)
+
+    def redrawn(self, poses: np.ndarray) -> OccupancyGrid:
+        """The map drawn anew from all local maps, closed at poses (steps + 1, 3), the start
+        first."""
+        maps = TileMaps(1)
+        for packed, pose in zip(self._seen, poses[1:], strict=True):
+            self._update(maps, packed.cells(), pose[None])
+        return self._as_grid(maps, 0)
+
+    def _as_grid(self, maps: TileMaps, particle: int) -> OccupancyGrid:
+        log_odds, corner = maps.log_odds(particle)
         cell = self.settings.cell
         return OccupancyGrid(
             probability(log_odds).astype(np.float32), (corner[0] * cell, corner[1] * cell), cell
@@ -148,10 +161,10 @@ class ParticleFilter:
             self.log_likelihood = self.log_likelihood + log_l
         return recovered
 
-    def _update(self, cells: LocalCells) -> None:
-        maps, place = self.maps, (*cells.origin, cells.cell)
-        maps.cover(*cells.reached_from(self.poses))
-        needed = touched(maps.table, maps.corner, self.poses, cells.bits, cells.near, *place)
+    def _update(self, maps: TileMaps, cells: LocalCells, poses: np.ndarray) -> None:
+        place = (*cells.origin, cells.cell)
+        maps.cover(*cells.reached_from(poses))
+        needed = touched(maps.table, maps.corner, poses, cells.bits, cells.near, *place)
         maps.make_writable(needed)
         update(
             maps.tiles,
@@ -159,7 +172,7 @@ class ParticleFilter:
             maps.table,
             maps.corner,
             needed,
-            self.poses,
+            poses,
             cells.bits,
             cells.near,
             *place,

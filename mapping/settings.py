@@ -83,6 +83,15 @@ class MappingSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         float, _meta("resample when N_eff falls below this share of N", "", ge=0, le=1)
     ] = 0.5
 
+    smoothing: Annotated[
+        bool,
+        _meta(
+            "at the end all local maps are aligned to one another and the map is drawn anew; "
+            "false: the best particle's path and map stay, as in the paper",
+            "",
+        ),
+    ] = True
+
     @property
     def per_scan(self) -> bool:
         """Whether single observations feed the filter."""

@@ -51,6 +51,17 @@ def inverse(a: np.ndarray) -> np.ndarray:
     )
 
 
+def placed(pose: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Points (n, 2) of the frame that stands at `pose` (3,)."""
+    return points @ rotation(pose[2]).T + pose[:2]
+
+
+def rotation(angle: float) -> np.ndarray:
+    """Matrix (2, 2) that turns by an angle [rad]."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s], [s, c]])
+
+
 def _wrapped(angle: float) -> float:
     return (angle + math.pi) % (2.0 * math.pi) - math.pi
 

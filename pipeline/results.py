@@ -62,7 +62,7 @@ def write_results(
     facts: what the command knows of the run (input, seed, rig, motion).
     """
     mapper = run.mapper
-    grid, path = mapper.filter.grid(), mapper.path()
+    grid, path = mapper.grid(), mapper.path()
     write_map_server(folder, grid)
     write_npz(folder / "map.npz", grid)
     stamps = np.array(mapper.stamps, np.int64)

@@ -177,7 +177,11 @@ def test_ten_particles_that_are_matched_keep_a_room_better_than_ten_drawn_blindl
     errors = {}
     for proposal in ("motion", "matched"):
         settings = MappingSettings(
-            method="per-scan", proposal=proposal, particles=10, ego_motion="raw"
+            method="per-scan",
+            proposal=proposal,
+            particles=10,
+            ego_motion="raw",
+            smoothing=False,
         )
         path = fed(HierarchicalMapper(settings, 1), pairs).path()
         errors[proposal] = np.sqrt(((path - true)[:, :2] ** 2).sum(axis=1).mean())

@@ -51,6 +51,7 @@ PAPER = Preset(
         "mapping.min_overlap=50",
         "mapping.resample_below=0.5",
         "mapping.ego_motion=raw",
+        "mapping.smoothing=false",
     ),
     sigma=False,
 )
