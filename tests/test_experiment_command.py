@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import importlib
-import sys
 from pathlib import Path
 
 import cv2
@@ -222,12 +221,6 @@ def test_a_folder_of_other_things_is_refused(refused, world, tmp_path):
     (tmp_path / "thesis.tex").touch()
     line = refused("experiment", "particles", "--world", world, "--force", "-o", tmp_path)
     assert line.endswith(": holds other things than an experiment: choose another folder")
-
-
-def test_without_matplotlib_it_says_what_to_install(refused, tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
-    line = refused("experiment", "particles", "-o", tmp_path / "out")
-    assert line == "beemap: figures need matplotlib: pip install 'beemap[experiments]'"
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["particles", "--help"]])

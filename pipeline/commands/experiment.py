@@ -115,10 +115,6 @@ def _run(
     **chosen: Any,
 ) -> None:
     """Run an experiment; exit code 1 when some of its runs failed, 130 after Ctrl-C."""
-    try:
-        import matplotlib  # noqa: F401
-    except ImportError:
-        raise InputError("figures need matplotlib: pip install 'beemap[experiments]'") from None
     from pipeline.experiments.batch import InterruptedBatchError, open_folder
     from pipeline.experiments.options import Options
 
