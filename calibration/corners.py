@@ -1,88 +1,111 @@
-"""Chessboard corners in one image, to a small fraction of a pixel."""
+"""What image files show of a board: several at a time, and each only once."""
 
 from __future__ import annotations
 
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
-import numpy as np
 
 from calibration.board import Board
-
-# Half the refinement window over the smallest corner spacing. A fixed window reaches into the
-# neighbouring corners of a small board: on OpenCV's sample pairs 11 px give a stereo RMS of
-# 0.445 px, this gives 0.194.
-WINDOW_SHARE = 0.35
-SMALLEST_WINDOW = 2  # px
-REFINE_UNTIL = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 100, 1e-4)
+from calibration.detection import detect
+from calibration.detections_cache import cache_file, load_detection, save_detection
+from calibration.imagesource import ImageSource
+from calibration.sighting import Sighting
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class BoardImage:
-    """What one image file shows.
+    """What one image shows.
 
-    size: (width, height) in pixels; None when the file cannot be read.
-    corners: (columns * rows, 2) pixels, row by row; None when the whole board is not seen.
+    size: (width, height) px; None when the image cannot be read.
+    sighting: the corners found; None when there is no board, or too little of it.
+    blur: standard deviation of the blur of edges near the corners [px], about 0.8 for a perfectly
+        sharp image; None without a sighting.
+    half: of a side-by-side file, "left" or "right"; None: `path` is this one image.
+    missing: what was looked for in vain, as in "no whole board"; None with a sighting.
     """
 
     path: Path
     size: tuple[int, int] | None = None
-    corners: np.ndarray | None = None
+    sighting: Sighting | None = None
+    blur: float | None = None
+    half: str | None = None
+    missing: str | None = None
+
+    @property
+    def name(self) -> str:
+        """The image as a message names it."""
+        return ImageSource(self.path, self.half).name
 
     @property
     def reason(self) -> str | None:
         """Why the image is of no use, or None."""
         if self.size is None:
-            return f"{self.path.name} cannot be read"
-        if self.corners is None:
-            return f"no whole board in {self.path.name}"
+            return f"{self.name} cannot be read"
+        if self.sighting is None:
+            return f"{self.missing or 'no board'} in {self.name}"
         return None
 
 
-def look(path: Path, board: Board) -> BoardImage:
-    """Read an image file and find the board in it."""
-    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
-    if image is None:
-        return BoardImage(path)
-    return BoardImage(path, (image.shape[1], image.shape[0]), find_corners(image, board))
-
-
-def find_corners(image: np.ndarray, board: Board) -> np.ndarray | None:
-    """The board's inner corners, row by row.
+def look_at_all(
+    sources: Sequence[Path | ImageSource],
+    board: Board,
+    cache_folder: Path | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    workers: int | None = None,
+) -> list[BoardImage]:
+    """`look` at every image, `workers` at a time (None: one a core); results in the order given.
 
     Args:
-        image: uint8 (H, W).
-
-    Returns:
-        (columns * rows, 2) float32 pixels, or None when the whole board is not seen.
+        progress: called with (done, total) after every image.
     """
-    found = _search(image, board)
+    seen: list[BoardImage] = []
+    cores = os.cpu_count() or 1
+    with _one_opencv_thread(), ThreadPoolExecutor(workers or cores) as pool:
+        for image in pool.map(lambda source: look(source, board, cache_folder), sources):
+            seen.append(image)
+            if progress:
+                progress(len(seen), len(sources))
+    return seen
+
+
+def look(source: Path | ImageSource, board: Board, cache_folder: Path | None = None) -> BoardImage:
+    """Read an image and find the board in it.
+
+    Args:
+        cache_folder: where what is found is kept (see `detections_cache`); an image found there
+            is not even decoded. None: nowhere.
+    """
+    source = source if isinstance(source, ImageSource) else ImageSource(source)
+    try:
+        data = source.path.read_bytes()
+    except OSError:
+        return BoardImage(source.path, half=source.half)
+    file = cache_file(cache_folder, data, source.half, board) if cache_folder else None
+    found = load_detection(file, board) if file else None
     if found is None:
-        return None
-    half = max(SMALLEST_WINDOW, round(WINDOW_SHARE * smallest_spacing(found, board)))
-    corners = found.astype(np.float32).reshape(-1, 1, 2)
-    return cv2.cornerSubPix(image, corners, (half, half), (-1, -1), REFINE_UNTIL).reshape(-1, 2)
-
-
-def smallest_spacing(corners: np.ndarray, board: Board) -> float:
-    """Least distance between neighbouring corners (n, 2) of the board [px]."""
-    grid = corners.reshape(board.rows, board.columns, 2)
-    along_rows = np.linalg.norm(np.diff(grid, axis=1), axis=2)
-    along_columns = np.linalg.norm(np.diff(grid, axis=0), axis=2)
-    return float(min(along_rows.min(), along_columns.min()))
-
-
-def _search(image: np.ndarray, board: Board) -> np.ndarray | None:
-    """Corners (n, 2) to about a pixel."""
-    size = (board.columns, board.rows)
-    found, corners = cv2.findChessboardCorners(
-        image, size, flags=cv2.CALIB_CB_ADAPTIVE_THRESH + cv2.CALIB_CB_NORMALIZE_IMAGE
+        image = source.decode(data)
+        if image is None:
+            return BoardImage(source.path, half=source.half)
+        found = detect(image, board)
+        if file:
+            save_detection(file, found)
+    return BoardImage(
+        source.path, found.size, found.sighting, found.blur, source.half, found.missing
     )
-    if not found:
-        # Sectors (Duda and Frese 2018) see blurred boards that the search for quads misses;
-        # under uneven light it is the other way round.
-        found, corners = cv2.findChessboardCornersSB(
-            image, size, flags=cv2.CALIB_CB_NORMALIZE_IMAGE
-        )
-    return corners.reshape(-1, 2) if found else None
+
+
+@contextmanager
+def _one_opencv_thread() -> Iterator[None]:
+    """The images are shared out over threads already."""
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(threads)

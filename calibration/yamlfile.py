@@ -65,15 +65,23 @@ def read_yaml(path: Path) -> Any:
     Raises:
         YamlFileError: the file is missing, unreadable, not text or not YAML.
     """
+    return parse_yaml(read_text(path), str(path))
+
+
+def read_text(path: Path) -> str:
+    """The text of a file.
+
+    Raises:
+        YamlFileError: the file is missing, unreadable or not text.
+    """
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        return Path(path).read_text(encoding="utf-8")
     except FileNotFoundError:
         raise YamlFileError(f"{path}: no such file") from None
     except OSError as error:
         raise YamlFileError(f"{path}: cannot be read ({error.strerror})") from None
     except UnicodeDecodeError:
         raise YamlFileError(f"{path}: cannot be read (not text in UTF-8)") from None
-    return parse_yaml(text, str(path))
 
 
 def dump_yaml(data: Any) -> str:

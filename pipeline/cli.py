@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import importlib
 import sys
 
 import click
 
-# name -> (module:function in pipeline.commands, what it does). A module is loaded when it is
-# asked for: --help stays quick.
+from pipeline.commands.lazy import LazyGroup
+
+# name -> (module:function in pipeline.commands, what it does).
 COMMANDS = {
     "map": ("map:map_command", "Map a recording: image pairs and motion in, map and path out."),
     "info": ("info:info_command", "Say what a recording holds."),
     "calibrate": ("calibrate:calibrate", "Calibrate a new camera pair."),
+    "rig": ("rig:rig", "Show, check and convert a rig file."),
     "simulate": ("simulate:simulate", "Render a recording with known truth."),
     "evaluate": ("evaluate:evaluate", "Compare a path or a map with the truth."),
     "experiment": ("experiment:experiment", "Run the paper's experiments, with many seeds."),
@@ -23,22 +24,9 @@ COMMANDS = {
 OURS = {"calibration", "stereo", "odometry", "mapping", "pipeline", "simulation"}
 
 
-class _Commands(click.Group):
-    def list_commands(self, ctx: click.Context) -> list[str]:
-        return list(COMMANDS)
-
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        if cmd_name not in COMMANDS:
-            return None
-        module, _, function = COMMANDS[cmd_name][0].partition(":")
-        return getattr(importlib.import_module(f"pipeline.commands.{module}"), function)
-
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        with formatter.section("Commands"):
-            formatter.write_dl([(name, text) for name, (_, text) in COMMANDS.items()])
-
-
-@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(
+    cls=LazyGroup, table=COMMANDS, context_settings={"help_option_names": ["-h", "--help"]}
+)
 @click.version_option(package_name="beemap", message="beemap %(version)s")
 def cli() -> None:
     """A 2D map and a path from a small stereo camera and two wheel encoders.

@@ -1,10 +1,12 @@
-"""Which rig a recording is read with."""
+"""Which rig a recording is read with; and what describes a rig file on the command line."""
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
-from calibration.rig import Mount, StereoRig, load_rig
+from calibration.exchange.formats import KINDS, read_rig
+from calibration.rig import Mount, StereoRig
 from pipeline.errors import InputError
 from pipeline.recordings.base import Recording
 
@@ -16,14 +18,18 @@ NO_MOUNT = (
 
 
 def choose_rig(recording: Recording, path: Path | None) -> tuple[StereoRig, list[str]]:
-    """The rig file given, else the recording's own; and notes that the user must hear.
+    """The rig file given, of any known format, else the recording's own; and notes that the user
+    must hear.
 
     Raises:
         InputError: there is neither; RigError: the file is wrong.
     """
     notes = []
     if path is not None:
-        rig = load_rig(path)
+        found = read_rig(path)
+        rig, notes = found.rig, found.notes
+        if found.kind != "beemap":
+            notes.append(f"{path}: read as {KINDS[found.kind]}")
         if recording.rig is not None:
             notes.append(f"{path} is used instead of the recording's {recording.rig_source}")
     elif recording.rig is not None:
@@ -37,3 +43,28 @@ def choose_rig(recording: Recording, path: Path | None) -> tuple[StereoRig, list
         notes.append(NO_MOUNT)
         rig = rig.with_mount(Mount())
     return rig, notes
+
+
+def size_option(text: str | None, option: str = "--size") -> tuple[int, int] | None:
+    """(width, height) px in `640x480`.
+
+    Raises:
+        InputError: it is something else.
+    """
+    if text is None:
+        return None
+    match = re.fullmatch(r"([1-9][0-9]{0,5})[xX]([1-9][0-9]{0,5})", text.strip())
+    if match is None:
+        raise InputError(f"{option} {text}: expected WIDTHxHEIGHT in pixels, as in 640x480")
+    return int(match[1]), int(match[2])
+
+
+def length_option(text: str | None, option: str) -> float | None:
+    """Metres in a length with its unit, as `25mm`.
+
+    Raises:
+        CalibrationError: it is something else.
+    """
+    from calibration.board import parse_length
+
+    return None if text is None else parse_length(text, option)

@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from calibration.exchange.euroc import camera_sheets
+from calibration.rig import RigError
 from calibration.yamlfile import read_yaml
 from mapping.grid import OccupancyGrid
 from odometry.encoders import encoder_parameters
@@ -19,7 +21,7 @@ from pipeline.commands.simulate import simulate
 from pipeline.errors import InputError
 from pipeline.map_files import write_map_server
 from pipeline.recordings import asl
-from pipeline.recordings.asl_writer import AslWriter, ImageFormat, camera_sheets
+from pipeline.recordings.asl_writer import AslWriter, ImageFormat
 from simulation.drive import drive
 from simulation.renderer import StereoRenderer
 from simulation.rigs import bent_minibee
@@ -165,7 +167,7 @@ def test_writer_appends_line_by_line(tmp_path):
 def test_a_lens_the_layout_cannot_hold_is_refused():
     rig = small_rig()
     odd = replace(rig.left, distortion=(-0.1, 0.02, 0.0, 0.0, 0.01))
-    with pytest.raises(InputError, match="radtan"):
+    with pytest.raises(RigError, match="radtan"):
         camera_sheets(replace(rig, left=odd), 2.0)
     fine = replace(rig.left, distortion=(-0.1, 0.02, 0.0, 0.0, 0.0))
     sheet = camera_sheets(replace(rig, left=fine), 2.0)["cam0"]

@@ -13,11 +13,11 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from calibration.rig import CameraModel, Mount, StereoRig, rig_from_dict, rig_to_dict
+from calibration.exchange import euroc
+from calibration.rig import StereoRig
 from odometry.encoders import encoder_parameters
 from odometry.tick_log import read_tick_log
 from pipeline.errors import InputError
@@ -30,9 +30,6 @@ LOOKED_FOR = "mav0/cam0/data.csv (EuRoC/ASL)"
 STAMP = re.compile(r"[0-9]{1,19}")
 LAST_STAMP = 2**63 - 1  # int64 holds no later one [ns]
 
-# ASL's names of lens models, and ours.
-DISTORTION = {"radial-tangential": "radtan", "equidistant": "fisheye", "none": "none"}
-
 
 def recognises(path: Path) -> bool:
     """Whether `path` is an ASL folder, or the `mav0` in it."""
@@ -40,7 +37,7 @@ def recognises(path: Path) -> bool:
 
 
 def read(path: Path) -> Recording:
-    """Open the folder. Raises InputError naming what is missing or wrong."""
+    """Open the folder. Raises InputError or RigError naming what is missing or wrong."""
     root = path / "mav0" if (path / "mav0").is_dir() else path
     recording = Recording(path, "EuRoC/ASL folder", [])
     left, right = (_image_list(root / camera, recording) for camera in ("cam0", "cam1"))
@@ -87,55 +84,9 @@ def _is_stamp(text: str) -> bool:
 
 
 def _rig(root: Path, robot_frame: bool) -> StereoRig:
-    sensors = [read_fields(root / camera / "sensor.yaml") for camera in ("cam0", "cam1")]
-    sources = [str(root / camera / "sensor.yaml") for camera in ("cam0", "cam1")]
-    left, right = (_camera(s, source) for s, source in zip(sensors, sources, strict=True))
-    B_left, B_right = (_body_pose(s, source) for s, source in zip(sensors, sources, strict=True))
-    right_from_left = np.linalg.inv(B_right) @ B_left
-    mount = Mount.from_pose(B_left[:3, :3], B_left[:3, 3]) if robot_frame else None
-    width, height = _field(sensors[0], "resolution", 2, sources[0])
-    rig = StereoRig(
-        (round(width), round(height)),
-        left,
-        right,
-        right_from_left[:3, :3],
-        right_from_left[:3, 3],
-        mount=mount,
-    )
-    # The rig file's own checks hold here, too: focal lengths, baseline, height of the mount.
-    return rig_from_dict(rig_to_dict(rig), f"{root}: sensor.yaml of cam0 and cam1 as a rig")
-
-
-def _camera(sensor: dict[str, Any], source: str) -> CameraModel:
-    fx, fy, cx, cy = _field(sensor, "intrinsics", 4, source)
-    name = sensor.get("distortion_model", "none")
-    if not isinstance(name, str) or name not in DISTORTION:
-        raise InputError(
-            f"{source}: distortion_model '{name}' is not known ({', '.join(sorted(DISTORTION))})"
-        )
-    coefficients = () if name == "none" else _field(sensor, "distortion_coefficients", 4, source)
-    return CameraModel(fx, fy, cx, cy, DISTORTION[name], tuple(coefficients))
-
-
-def _body_pose(sensor: dict[str, Any], source: str) -> np.ndarray:
-    block = sensor.get("T_BS")
-    data = block.get("data") if isinstance(block, dict) else None
-    pose = np.array(_field({"T_BS.data": data}, "T_BS.data", 16, source)).reshape(4, 4)
-    R = pose[:3, :3]
-    if not np.allclose(R @ R.T, np.eye(3), atol=1e-3) or np.linalg.det(R) < 0.0:
-        raise InputError(f"{source}: T_BS.data: its upper left 3x3 numbers are no rotation matrix")
-    return pose
-
-
-def _field(sensor: dict[str, Any], name: str, count: int, source: str) -> list[float]:
-    values = sensor.get(name)
-    if (
-        not isinstance(values, list)
-        or len(values) != count
-        or not all(isinstance(v, (int, float)) and abs(v) < 1e300 for v in values)
-    ):
-        raise InputError(f"{source}: {name}: expected {count} numbers, got {values!r}")
-    return [float(v) for v in values]
+    files = [root / camera / "sensor.yaml" for camera in ("cam0", "cam1")]
+    left, right = (read_fields(file) for file in files)
+    return euroc.read((left, right), (str(files[0]), str(files[1])), body_is_robot=robot_frame)
 
 
 def _truth(path: Path, recording: Recording) -> Trajectory:

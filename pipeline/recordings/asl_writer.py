@@ -15,7 +15,8 @@ from typing import Any, TextIO
 import cv2
 import numpy as np
 
-from calibration.rig import CameraModel, Mount, StereoRig
+from calibration.exchange.euroc import camera_sheets
+from calibration.rig import StereoRig
 from calibration.yamlfile import dump_yaml
 from pipeline.errors import InputError
 
@@ -28,7 +29,6 @@ TRUTH_HEADER = (
     "b_w_RS_S_x [rad s^-1],b_w_RS_S_y [rad s^-1],b_w_RS_S_z [rad s^-1],"
     "b_a_RS_S_x [m s^-2],b_a_RS_S_y [m s^-2],b_a_RS_S_z [m s^-2]"
 )
-ASL_DISTORTION = {"none": "none", "radtan": "radial-tangential", "fisheye": "equidistant"}
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class AslWriter:
     `odom0/sensor.yaml` (ticks_per_revolution, left_radius, ...), None where there are no wheels.
 
     Raises:
-        InputError: the rig cannot be told in this layout (distortion model).
+        RigError: the rig cannot be told in this layout (distortion model).
     """
 
     def __init__(
@@ -136,52 +136,3 @@ class AslWriter:
     def _line(self, name: str, text: str) -> None:
         self._files[name].write(text + "\n")
         self._files[name].flush()
-
-
-def camera_sheets(rig: StereoRig, rate: float) -> dict[str, dict[str, Any]]:
-    """Content of cam0/sensor.yaml and cam1/sensor.yaml; T_BS carries sensor to robot frame.
-
-    Raises:
-        InputError: a distortion that the layout has no name for.
-    """
-    mount = rig.mount or Mount()
-    known = "" if rig.mount else " (mount not known: level, 0.3 m up)"
-    rotation = mount.rotation @ rig.R.T
-    poses = {
-        "cam0": (mount.rotation, mount.position),
-        "cam1": (rotation, mount.position - rotation @ rig.T),
-    }
-    cameras = {"cam0": ("left", rig.left), "cam1": ("right", rig.right)}
-    return {
-        name: {
-            "sensor_type": "camera",
-            "comment": f"{side} camera; body = robot: x forward, y left, z up{known}",
-            "T_BS": {"cols": 4, "rows": 4, "data": _transform(*poses[name])},
-            "rate_hz": float(rate),
-            "resolution": [int(v) for v in rig.image_size],
-            "camera_model": "pinhole",
-            "intrinsics": [float(v) for v in (camera.fx, camera.fy, camera.cx, camera.cy)],
-            **_distortion(camera),
-        }
-        for name, (side, camera) in cameras.items()
-    }
-
-
-def _transform(rotation: np.ndarray, position: np.ndarray) -> list[float]:
-    matrix = np.eye(4)
-    matrix[:3, :3] = rotation
-    matrix[:3, 3] = position
-    return [float(v) for v in matrix.ravel()]
-
-
-def _distortion(camera: CameraModel) -> dict[str, Any]:
-    coefficients = [float(v) for v in camera.distortion]
-    if camera.distortion_model == "radtan" and coefficients[4:] == [0.0]:
-        coefficients = coefficients[:4]
-    if camera.distortion_model not in ASL_DISTORTION or len(coefficients) > 4:
-        raise InputError(
-            f"rig: distortion '{camera.distortion_model}' with {len(coefficients)} coefficients "
-            "does not fit the ASL layout: calibrate with radtan (k1 k2 p1 p2) or fisheye"
-        )
-    name = ASL_DISTORTION[camera.distortion_model]
-    return {"distortion_model": name, "distortion_coefficients": coefficients}

@@ -1,0 +1,1 @@
+"""The report of a calibration: one HTML file that holds everything, and its figures as PNGs."""
