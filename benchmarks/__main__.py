@@ -5,12 +5,11 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from benchmarks import accuracy, end_to_end, logs, simulated
+from benchmarks import accuracy, calibration, end_to_end, logs, simulated
 
 TITLE = "# Benchmarks\n\nThis page is written by `make bench`, from the repository's root."
 
-page = (
-    "\n\n".join([TITLE, end_to_end.main(), accuracy.main(), logs.main(), simulated.main()]) + "\n"
-)
+sections = (end_to_end, accuracy, logs, calibration, simulated)
+page = "\n\n".join([TITLE, *(section.main() for section in sections)]) + "\n"
 print(page)
 Path(sys.argv[1]).write_text(page, encoding="utf-8")

@@ -33,6 +33,7 @@ BASELINE_LIMITS = (1e-3, 10.0)  # m, as a rig file has them
 BLURRED = 1.6  # times the median blur of an image's own camera, ...
 LEAST_BLUR = 1.5  # ... from this standard deviation on [px]
 SMALL_BOARD = 0.04  # share of the image
+STRAY = 0.25  # of the images show a board that is not there
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,7 +258,9 @@ def _check_baseline(baseline: float, board: Board) -> None:
 
 def _too_few(usable: int, views: Sequence[View], board: Board) -> CalibrationError:
     readable = [i for view in views for i in (view.left, view.right) if i.size is not None]
-    if all(image.sighting is None for image in readable):
+    # A board of another size is found in a stray image now and then.
+    found = sum(image.sighting is not None for image in readable)
+    if usable == 0 and found <= STRAY * len(readable):
         return CalibrationError(explain_no_board(readable, board))
     reasons = [view.reason for view in views if view.reason]
     why = f" (as for {reasons[0]})" if reasons else ""

@@ -27,7 +27,9 @@ def explain_no_board(images: Sequence[BoardImage], board: Board) -> str:
     The mistakes that people make with this kind of board are tried first (sides exchanged, squares
     counted as corners), then chessboards of any size and markers of all dictionaries.
     """
-    message = f"no {board.name} in any of {len(images)} images"
+    missing = sum(image.sighting is None for image in images)
+    share = "any" if missing == len(images) else str(missing)
+    message = f"no {board.name} in {share} of {len(images)} images"
     pictures = list(_pictures(images))
     tried = list(_mistaken(board))
     for other in tried:

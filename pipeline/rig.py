@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 from calibration.exchange.formats import KINDS, read_rig
-from calibration.rig import Mount, StereoRig
+from calibration.rig import Mount, RigError, StereoRig, load_rig
 from pipeline.errors import InputError
 from pipeline.recordings.base import Recording
 
+# What a new calibration of the cameras does not touch in the rig file that it replaces.
+KEPT_SECTIONS = ("encoders", "devices")
 NO_MOUNT = (
     "the rig has no mount: the camera is taken as level, 0.3 m above the floor, at the robot's "
-    "origin; measure it and write height, pitch, roll under 'mount:' in the rig file that "
-    "'beemap calibrate cameras' makes"
+    "origin; 'beemap calibrate mount' finds it, or write height, pitch, roll under 'mount:' in "
+    "the rig file"
 )
 
 
@@ -43,6 +46,31 @@ def choose_rig(recording: Recording, path: Path | None) -> tuple[StereoRig, list
         notes.append(NO_MOUNT)
         rig = rig.with_mount(Mount())
     return rig, notes
+
+
+def with_kept(rig: StereoRig, replaced: StereoRig | None) -> tuple[StereoRig, list[str]]:
+    """The rig with what only the rig that it replaces knows; and the names of that."""
+    if replaced is None:
+        return rig, []
+    kept = [
+        name for name in KEPT_SECTIONS if name in replaced.sections and name not in rig.sections
+    ]
+    sections = {**{name: replaced.sections[name] for name in kept}, **rig.sections}
+    if rig.mount is None and replaced.mount is not None:
+        kept.insert(0, "mount")
+    return replace(rig, mount=rig.mount or replaced.mount, sections=sections), kept
+
+
+def rig_to_replace(output: Path) -> StereoRig:
+    """The rig in a file that will be replaced, whose mount must not be lost.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    try:
+        return load_rig(output)
+    except RigError as error:
+        raise InputError(f"{error}: mend or delete it, its mount would be lost") from None
 
 
 def size_option(text: str | None, option: str = "--size") -> tuple[int, int] | None:

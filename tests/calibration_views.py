@@ -220,15 +220,23 @@ def _brightness(x: np.ndarray, y: np.ndarray, board: Board) -> np.ndarray:
     return np.where(black, BLACK, np.where(sheet, WHITE, AROUND))
 
 
+def undistorted(points: np.ndarray, K, D, R, P) -> np.ndarray:
+    """OpenCV's undistortPoints of (n, 2) px, iterated to the end; 5.0 has one name less for it."""
+    until = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 200, 1e-12)
+    if hasattr(cv2, "undistortPointsIter"):
+        return np.asarray(cv2.undistortPointsIter(points, K, D, R, P, until)).reshape(-1, 2)
+    flat = cv2.undistortPoints(points, K, D, None, R, P, until)  # pyright: ignore[reportCallIssue, reportArgumentType]
+    return np.asarray(flat).reshape(-1, 2)
+
+
 @lru_cache(maxsize=4)
 def _directions(camera: CameraModel, size: tuple[int, int]) -> np.ndarray:
     """Where every pixel looks (H, W, 3), for pinhole lenses by other code than beemap's."""
     pixels = np.stack(np.meshgrid(*map(np.arange, size)), axis=-1).reshape(-1, 2).astype(float)
     if camera.distortion_model == "fisheye":
         return rays(camera, pixels).reshape(size[1], size[0], 3)
-    until = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 60, 1e-7)
-    flat = cv2.undistortPointsIter(pixels, camera.K, camera.D, np.eye(3), np.eye(3), until)
-    ahead = np.column_stack([flat.reshape(-1, 2), np.ones(len(pixels))])
+    flat = undistorted(pixels, camera.K, camera.D, np.eye(3), np.eye(3))
+    ahead = np.column_stack([flat, np.ones(len(pixels))])
     return ahead.reshape(size[1], size[0], 3)
 
 

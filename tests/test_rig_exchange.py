@@ -18,6 +18,7 @@ from calibration.exchange.lenses import without_k3
 from calibration.lens import lens_of, rays
 from calibration.rig import CameraModel, RigError, StereoRig
 from calibration.yamlfile import dump_yaml, parse_yaml
+from tests.calibration_views import undistorted
 from tests.rig_files import assert_same_rig, one_rig, rigs
 
 # ROS tells R as R2^T R1 and EuRoC by way of the body: rounding is left.
@@ -106,9 +107,7 @@ def test_the_rectification_in_ros_puts_both_views_of_a_point_on_one_row():
                 "projection_matrix",
             )
         )
-        criteria = (cv2.TERM_CRITERIA_MAX_ITER + cv2.TERM_CRITERIA_EPS, 200, 1e-12)
-        flat = cv2.undistortPointsIter(raw, K, D, R1, P, criteria)
-        rectified.append(np.asarray(flat).reshape(-1, 2))
+        rectified.append(undistorted(raw, K, D, R1, P))
         focal_times_baseline = -P[0, 3]
     left, right = rectified
     np.testing.assert_allclose(left[:, 1], right[:, 1], atol=1e-6)

@@ -21,9 +21,6 @@ if TYPE_CHECKING:
 LENSES = ("auto", "radtan4", "radtan5", "rational", "fisheye")
 REDO_CODE = 3  # exit code of a calibration that has to be made again
 
-# What a new calibration of the cameras does not touch in the rig file that it replaces.
-KEPT_SECTIONS = ("encoders", "devices")
-
 
 @click.command()
 @click.argument("left")
@@ -98,6 +95,7 @@ def cameras(
     from calibration.detections_cache import default_cache_folder
     from calibration.imagepairs import find_pairs
     from calibration.rig import save_rig
+    from pipeline.rig import with_kept
 
     board = parse_board(
         board_text,
@@ -115,13 +113,14 @@ def cameras(
         result = calibrate_cameras(
             found.pairs, board, lens, ruler, default_cache_folder(), progress
         )
-    result = replace(result, rig=_with_kept(result.rig, replaced))
+    rig, kept = with_kept(result.rig, replaced)
+    result = replace(result, rig=rig)
     try:
         output.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{output.parent}: cannot be made ({error.strerror})") from None
     save_rig(result.rig, output)
-    _tell(result, found, output, replaced is not None, as_json, quiet)
+    _tell(result, found, output, kept, as_json, quiet)
     if folder is not None:
         _write_report(result, found, output, folder, quiet or as_json)
     if result.judgement.verdict == "redo":
@@ -129,8 +128,7 @@ def cameras(
 
 
 def _rig_to_replace(output: Path, force: bool) -> StereoRig | None:
-    """The rig in the file that will be replaced, whose mount must not be lost."""
-    from calibration.rig import RigError, load_rig
+    from pipeline.rig import rig_to_replace
 
     if output.is_dir():
         raise InputError(f"{output}: is a folder: give the name of a file, as in rig.yaml")
@@ -138,17 +136,7 @@ def _rig_to_replace(output: Path, force: bool) -> StereoRig | None:
         return None
     if not force:
         raise InputError(f"{output}: already exists: give --force to replace it")
-    try:
-        return load_rig(output)
-    except RigError as error:
-        raise InputError(f"{error}: mend or delete it, its mount would be lost") from None
-
-
-def _with_kept(rig: StereoRig, replaced: StereoRig | None) -> StereoRig:
-    if replaced is None:
-        return rig
-    kept = {key: replaced.sections[key] for key in KEPT_SECTIONS if key in replaced.sections}
-    return replace(rig, mount=replaced.mount, sections={**kept, **rig.sections})
+    return rig_to_replace(output)
 
 
 def _check_report(folder: Path, force: bool) -> None:
@@ -164,7 +152,7 @@ def _tell(
     result: CalibrationResult,
     found: PairList,
     output: Path,
-    replaces: bool,
+    kept: list[str],
     as_json: bool,
     quiet: bool,
 ) -> None:
@@ -175,9 +163,6 @@ def _tell(
     elif not quiet:
         from pipeline.calibration_report.screen import print_result
 
-        kept = [key for key in KEPT_SECTIONS if key in result.rig.sections] if replaces else []
-        if replaces and result.rig.mount is not None:
-            kept = ["mount", *kept]
         print_result(result, found, output, kept)
 
 

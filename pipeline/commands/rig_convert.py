@@ -2,25 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from pipeline.errors import InputError
 from pipeline.new_files import check_free, new_files
-from pipeline.rig import length_option, size_option
-
-if TYPE_CHECKING:
-    from calibration.rig import StereoRig
+from pipeline.rig import length_option, rig_to_replace, size_option, with_kept
 
 KINDS = ("beemap", "ros", "kalibr", "euroc", "opencv")
 IN_A_FOLDER = ("ros", "euroc")
 # Endings that OpenCV's FileStorage knows.
 STORAGE = (".yml", ".yaml", ".xml", ".json")
-# What a file of another program cannot know, and a rig file that is replaced may hold.
-KEPT_SECTIONS = ("encoders", "devices")
 
 
 @click.command()
@@ -66,7 +59,8 @@ def convert(
     ending = _ending(output, kind)
     given = [source] if second is None else [source, second]
     found = read_rig(given, size_option(size), length_option(unit, "--unit"))
-    rig, kept = _with_kept(found.rig, kind, output, force)
+    replaces = kind == "beemap" and force and output.is_file()
+    rig, kept = with_kept(found.rig, rig_to_replace(output) if replaces else None)
     texts, lost = write_rig(rig, kind, ending)
     files = {(output / name if name else output): text for name, text in texts.items()}
     _write(files, given, force)
@@ -101,25 +95,6 @@ def _ending(output: Path, kind: str) -> str:
     if output.suffix and output.suffix not in STORAGE:
         raise InputError(f"-o {output}: OpenCV knows the endings {', '.join(STORAGE)}")
     return output.suffix
-
-
-def _with_kept(rig: StereoRig, kind: str, output: Path, force: bool) -> tuple[StereoRig, list[str]]:
-    """The rig with what only the replaced rig file knows; and the names of that."""
-    from calibration.rig import RigError, load_rig
-
-    if kind != "beemap" or not force or not output.is_file():
-        return rig, []
-    try:
-        replaced = load_rig(output)
-    except RigError as error:
-        raise InputError(f"{error}: mend or delete it, its mount would be lost") from None
-    kept = [
-        name for name in KEPT_SECTIONS if name in replaced.sections and name not in rig.sections
-    ]
-    sections = {**rig.sections, **{name: replaced.sections[name] for name in kept}}
-    if rig.mount is None and replaced.mount is not None:
-        kept.insert(0, "mount")
-    return replace(rig, mount=rig.mount or replaced.mount, sections=sections), kept
 
 
 def _write(files: dict[Path, str], given: list[Path], force: bool) -> None:
