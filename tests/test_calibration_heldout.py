@@ -54,7 +54,9 @@ def test_rows_are_those_of_opencvs_rectification():
     left, right = project(rig, board_poses(1, 2)[0])
     left = left + np.random.default_rng(0).normal(0, 0.5, left.shape)
     K1, D1, K2, D2 = rig.left.K, rig.left.D, rig.right.K, rig.right.D
-    R1, R2, P1, P2, *_ = cv2.stereoRectify(K1, D1, K2, D2, rig.image_size, rig.R, rig.T)
+    R1, R2, P1, P2, *_ = cv2.stereoRectify(
+        K1, D1, K2, D2, rig.image_size, rig.R, rig.T.reshape(3, 1)
+    )
     rows_left = undistorted(left, K1, D1, R1, P1)[:, 1]
     rows_right = undistorted(right, K2, D2, R2, P2)[:, 1]
     np.testing.assert_allclose(row_differences(rig, left, right), rows_right - rows_left, atol=1e-6)

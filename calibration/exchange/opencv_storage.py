@@ -44,8 +44,11 @@ USUAL_BASELINES = (0.01, 1.0)
 
 
 def is_storage(text: str) -> bool:
-    """Whether a text is a FileStorage in YAML or XML; one in JSON is plain YAML, too."""
-    return text.lstrip("\ufeff \n\r\t").startswith(("%YAML:", "<"))
+    """Whether a text is a FileStorage in YAML or XML; one in JSON is plain YAML, too.
+
+    OpenCV 4 begins with `%YAML:1.0`, OpenCV 5 with `%YAML 1.0`.
+    """
+    return text.lstrip("\ufeff \n\r\t").startswith(("%YAML", "<"))
 
 
 def parse(text: str, source: str) -> dict[str, Any]:
