@@ -6,9 +6,10 @@ import os
 import tempfile
 from pathlib import Path
 
-from benchmarks.report import IDEAL, OFFICE, map_recording, table
+from benchmarks.report import IDEAL, OFFICE, map_recording
 from pipeline.evaluate_map import MapScore, evaluate_map_files
 from pipeline.evaluate_path import evaluate_path_files
+from pipeline.experiments.report import markdown_table
 
 OFFICE_SEEDS = range(1, 6)
 STREET_SEEDS = range(1, 11)
@@ -43,7 +44,7 @@ def _office(output: Path) -> list[str]:
     header = ["motion", "ATE [m]", "dead reckoning [m]", "F1", "precision", "recall", "E"]
     return [
         f"### The office (`{OFFICE}`)",
-        table(header, rows),
+        markdown_table(header, rows),
         "ATE: RMSE after SE(2) alignment, asked for: at most 0.12 m and half of dead reckoning's "
         f"in each seed. The map is held against `{IDEAL}`, the floor plan's cells that a true "
         "beam hits; F1 of its obstacle cells within one cell, asked for: at least 0.55. "
@@ -61,7 +62,7 @@ def _street(recording: Path, output: Path) -> list[str]:
         rows.append([str(seed), f"{found:.2f}", f"{reckoned:.2f}", f"{found / reckoned:.2f}"])
     return [
         "### A real street (KITTI odometry, 51 pairs, 60 m)",
-        table(["seed", "ATE [m]", "dead reckoning [m]", "ratio"], rows),
+        markdown_table(["seed", "ATE [m]", "dead reckoning [m]", "ratio"], rows),
         f"Better than dead reckoning in **{better} of {len(rows)}** seeds, asked for: all. Motion "
         "is the true poses with noise of 2 % and 0.5 deg a frame and a bias of 0.5 deg a frame; "
         f"settings `{'`, `'.join(STREET_SETTINGS)}`.",

@@ -10,7 +10,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from benchmarks.report import table
 from calibration.board import parse_board
 from calibration.corners import look_at_all
 from calibration.correspondence import pair_sightings
@@ -20,6 +19,7 @@ from calibration.rig import StereoRig
 from calibration.sighting import PairSighting
 from calibration.solution import StereoSolution
 from calibration.solve import solve_stereo
+from pipeline.experiments.report import markdown_table
 from tests.calibration_views import (
     BOARD,
     Photograph,
@@ -53,7 +53,7 @@ def _truth() -> list[str]:
     rows.append(_row("corners with noise", RIGS_FROM_CORNERS, _from_corners))
     return [
         "### Known rigs",
-        table([*header, "baseline off by at most"], rows),
+        markdown_table([*header, "baseline off by at most"], rows),
         "Random rigs of 640x480: lenses of 50 to 100 deg, baselines of 60 to 200 mm, 10 to 20 "
         "views of a 9x6 chessboard. The images are rendered through the distorted lenses with a "
         "blur of 0.3 to 1.8 px and a noise of 2 to 25 grey levels; corners are given a noise of "
@@ -113,7 +113,7 @@ def _real(folder: Path) -> list[str]:
     header = ["set", "pairs used", "stereo RMS [px]", "held-out row RMS [px]", "rational lens [px]"]
     return [
         "### Real cameras",
-        table([*header, "baseline [mm]", "solve and hold out [s]"], rows),
+        markdown_table([*header, "baseline [mm]", "solve and hold out [s]"], rows),
         "RMS over all corners, none rejected. The rational lens lowers the RMS and raises the "
         "held-out error: it is recognised as over-fitting and not taken.",
     ]

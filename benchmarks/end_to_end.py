@@ -19,7 +19,8 @@ from typing import Any, TypeVar
 import cv2
 import numpy as np
 
-from benchmarks.report import OFFICE, machine, map_recording, table
+from benchmarks.report import OFFICE, map_recording
+from pipeline.experiments.report import machine, markdown_table
 from pipeline.recordings import open_recording
 from pipeline.recordings.base import PairFiles, Recording
 from stereo.ranger import StereoRanger
@@ -107,12 +108,14 @@ def _section(
             f"{machine()}. {pairs} pairs of 320x240 from `{OFFICE}`, of which {looked_at} are due "
             f"as observations; default settings, {THREADS} threads, numba's cache warm. Median "
             f"(least to most) of {ROUNDS} runs; the machine's load before them was {load:.1f}.",
-            table(["", "wall [s]", "wall [ms a pair]", "CPU [s]", "CPU [ms a pair]"], rows),
+            markdown_table(
+                ["", "wall [s]", "wall [ms a pair]", "CPU [s]", "CPU [ms a pair]"], rows
+            ),
             f"The whole job takes **{wall_ratio:.2f} times** the wall time and {cpu_ratio:.2f} "
             "times the processor time of the bare OpenCV work (images decoded, rectified and "
             "matched in two threads, nothing else), and "
             f"**{memory:.0f} MB** of memory at its peak.",
-            table(["stage", "seconds"], stages),
+            markdown_table(["stage", "seconds"], stages),
             "Reading and stereo are sums over the threads; total is the time up to the writing "
             "of the results.",
         ]

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from statistics import mean, stdev
 
-from benchmarks.report import machine, table
 from pipeline.evaluate_relations import evaluate_relation_files
+from pipeline.experiments.report import machine, markdown_table
 
 SEEDS = (1, 2, 3)
 STEREO_SEEDS = (1, 2, 3, 4, 5)
@@ -78,7 +78,7 @@ def _real(laser: Path, folder: Path) -> list[str]:
     header = ["log, method", "seeds 1 to 3 [m]", "mean [m]", "rotation [deg]", "scored"]
     header += ["CPU [s]", "asked", "GMapping"]
     return [
-        table(header, rows),
+        markdown_table(header, rows),
         "30 particles, one thread; the metric of Kuemmerle et al. (2009) over all relations. CPU "
         "is the whole process, reading and start-up included. The command of a run: "
         "`beemap map intel.clf.bz2 -o RUN --method per-scan --set mapping.proposal=matched "
@@ -110,7 +110,7 @@ def _as_stereo(intel: Path, folder: Path) -> list[str]:
         )
     return [
         "### The Intel log as a stereo camera would see it",
-        table(["method", "seeds 1 to 5 [m]", "mean [m]", "kept (< 1 m)", "CPU [s]"], rows),
+        markdown_table(["method", "seeds 1 to 5 [m]", "mean [m]", "kept (< 1 m)", "CPU [s]"], rows),
         "`beemap simulate degrade intel.clf.bz2 -o LOG --seed N`: 66 deg, 8 m, depth noise 2 %, "
         "one false block a frame, the laser's own beams a degree apart; 30 particles. Raw "
         "odometry: 7.37 m.",

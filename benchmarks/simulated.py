@@ -10,7 +10,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from benchmarks.report import machine
+from pipeline.experiments.report import machine
 
 FOLDER = Path("experiments")
 FIGURES = Path("docs/experiments")

@@ -35,8 +35,12 @@ def progress_bar(
 
         def progress(done: int, total: int) -> None:
             speed = bar.tasks[task].speed
-            bar.update(
-                task, completed=done, total=total, rate=f"{speed:.0f} {unit}/s" if speed else ""
-            )
+            bar.update(task, completed=done, total=total, rate=_rate(speed, unit))
 
         yield progress
+
+
+def _rate(speed: float | None, unit: str) -> str:
+    if not speed:
+        return ""
+    return f"{speed:.0f} {unit}/s" if speed >= 1.0 else f"{60.0 * speed:.1f} {unit}/min"

@@ -131,7 +131,8 @@ def group_lives(group: int) -> bool:
     return True
 
 
-def test_interrupted_it_keeps_what_is_done_and_ends_its_processes(world, folder):
+@pytest.mark.parametrize("ended_by", [signal.SIGINT, signal.SIGTERM])
+def test_interrupted_it_keeps_what_is_done_and_ends_its_processes(world, folder, ended_by):
     code = (
         "from pathlib import Path\n"
         "from pipeline.experiments.batch import InterruptedBatchError, run_batch\n"
@@ -157,10 +158,12 @@ def test_interrupted_it_keeps_what_is_done_and_ends_its_processes(world, folder)
     while not (rows.exists() and rows.read_text().count("\n") == 3):
         assert time.monotonic() < deadline
         time.sleep(0.05)
-    # As Ctrl-C does: to all processes of the group.
-    os.killpg(process.pid, signal.SIGINT)
+    if ended_by == signal.SIGINT:  # as Ctrl-C does: to all processes of the group
+        os.killpg(process.pid, signal.SIGINT)
+    else:
+        process.terminate()
     out, _ = process.communicate(timeout=10.0)
-    assert out == "2 of 4 runs\n"
+    assert out == ("2 of 4 runs\n" if ended_by == signal.SIGINT else "")
     while group_lives(process.pid):
         assert time.monotonic() < deadline
         time.sleep(0.05)

@@ -15,6 +15,11 @@ from pipeline.experiments.batch import Run
 from pipeline.experiments.summary import lost, of
 from pipeline.new_files import new_files
 
+LIBRARIES = (
+    ("OpenCV", "opencv-contrib-python-headless"),
+    ("numpy", "numpy"),
+    ("numba", "numba"),
+)
 HEADER = (
     "settings",
     "runs",
@@ -84,7 +89,7 @@ def command_line() -> str:
 
 def machine() -> str:
     """Processor, cores, Python and the libraries that the time depends on, in one line."""
-    libraries = ", ".join(f"{name} {version(name)}" for name in ("numpy", "numba"))
+    libraries = ", ".join(f"{label} {version(name)}" for label, name in LIBRARIES)
     return (
         f"{_processor()}, {os.cpu_count()} cores, {platform.system()}; "
         f"Python {platform.python_version()}, {libraries}, beemap {version('beemap')}"

@@ -8,6 +8,8 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import sys
+import threading
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
@@ -45,7 +47,7 @@ def run_tasks(
             busy[worker.pipe] = (worker, task)
 
     try:
-        with _limited(threads):
+        with _limited(threads), _sigterm_as_exit():
             workers.extend(_Worker(work) for _ in range(min(jobs, len(tasks))))
             for worker in workers:
                 give(worker)
@@ -90,6 +92,7 @@ class _Worker:
 def _serve(pipe: connection.Connection, work: Callable[[Any], Any]) -> None:
     # Ctrl-C reaches the whole group of processes; the parent decides what becomes of it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
     while True:
         try:
             task = pipe.recv()
@@ -100,6 +103,23 @@ def _serve(pipe: connection.Connection, work: Callable[[Any], Any]) -> None:
         except Exception as error:
             result = Failure(" ".join(f"{type(error).__name__}: {error}".split()))
         pipe.send(result)
+
+
+@contextmanager
+def _sigterm_as_exit() -> Iterator[None]:
+    """SIGTERM ends the program by way of the `finally` that ends its processes."""
+
+    def leave(number: int, frame: Any) -> None:
+        sys.exit(128 + number)
+
+    if threading.current_thread() is not threading.main_thread():
+        yield  # only the main thread may choose
+        return
+    before = signal.signal(signal.SIGTERM, leave)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 @contextmanager
