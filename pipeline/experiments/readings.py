@@ -58,6 +58,7 @@ READINGS = [
     *_settings("resample_below", "0.25", "0.5", "0.75", base="0.5"),
     *_settings("window", "5", "10", "15", "20", base="10", hierarchical_only=True),
     *_settings("ego_motion", "raw", "matched", base="raw"),
+    *_settings("smoothing", "false", "true", base="false"),
     Reading("false_depth", "nearest", base=True),
     Reading("false_depth", "replace", simulated={"false_depth": "replace"}),
     Reading("sigma", "ignored", base=True),
