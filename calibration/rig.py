@@ -246,7 +246,7 @@ def _pose(data: dict, source: str) -> tuple[np.ndarray, np.ndarray]:
     T = _numbers(data["T"], (3,), f"{source}: T")
     if not np.allclose(R @ R.T, np.eye(3), atol=1e-4) or np.linalg.det(R) < 0:
         raise RigError(f"{source}: R is not a rotation matrix: run 'beemap calibrate cameras'")
-    baseline = np.linalg.norm(T)
+    baseline = math.hypot(*T)
     if not 1e-3 <= baseline <= 10.0:
         raise RigError(
             f"{source}: T has length {baseline:.4g} m; expected 0.001 to 10 m (is it in metres?)"
