@@ -10,11 +10,11 @@ from pipeline.commands.lazy import LazyGroup
 
 # name -> (module:function in pipeline.commands, what it does).
 COMMANDS = {
-    "map": ("map:map_command", "Map a recording: image pairs and motion in, map and path out."),
-    "info": ("info:info_command", "Say what a recording holds."),
+    "map": ("map:map_command", "Map a recording or a scan log: map and path out."),
+    "info": ("info:info_command", "Say what a recording or a scan log holds."),
     "calibrate": ("calibrate:calibrate", "Calibrate a new camera pair."),
     "rig": ("rig:rig", "Show, check and convert a rig file."),
-    "simulate": ("simulate:simulate", "Render a recording with known truth."),
+    "simulate": ("simulate:simulate", "Make recordings and scan logs with known truth."),
     "evaluate": ("evaluate:evaluate", "Compare a path or a map with the truth."),
     "experiment": ("experiment:experiment", "Run the paper's experiments, with many seeds."),
     "settings": ("settings:settings_command", "List all settings: default, unit, meaning."),
