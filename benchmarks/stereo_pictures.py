@@ -126,9 +126,7 @@ def middlebury(folder: Path, name: str) -> Picture:
 def motorcycle(folder: Path) -> Picture:
     """Motorcycle of 2014 at a quarter of its size."""
     left, right = (
-        cv2.imread(
-            str(folder / "motorcycle" / f"motorcycle_{side}.png"), cv2.IMREAD_GRAYSCALE
-        )
+        cv2.imread(str(folder / "motorcycle" / f"motorcycle_{side}.png"), cv2.IMREAD_GRAYSCALE)
         for side in ("left", "right")
     )
     assert left is not None
@@ -190,7 +188,9 @@ def _table(picture: Picture) -> str:
     for name in ("BM", *MODES):
         matcher = opencv_matcher(name, picture.disparities)
         rows.append(
-            _row(f"OpenCV {name}", picture, lambda m=matcher: m.compute(picture.left, picture.right))
+            _row(
+                f"OpenCV {name}", picture, lambda m=matcher: m.compute(picture.left, picture.right)
+            )
         )
     ranger = picture.ranger()
     pair = StereoPair(0, picture.left, picture.right)
