@@ -14,10 +14,8 @@ import cv2
 import numpy as np
 
 from calibration.rig import CameraModel, RigError, StereoRig
-from simulation.lighting import bake
-from simulation.raycaster import RayCaster
 from simulation.scene import Scene
-from simulation.shading import shade
+from simulation.tracer import Tracer
 
 NOISE_PURPOSE = 1  # keys of the random generators: (seed, purpose, camera, frame)
 NOISE_SIGMA = 1.7  # grey levels
@@ -46,9 +44,7 @@ class StereoRenderer:
         if rig.mount is None:
             raise RigError("rig: field 'mount' is missing: the renderer must know where it sits")
         self.rig, self.seed = rig, seed
-        self._faces = scene.faces()
-        self._caster = RayCaster(self._faces)
-        self._light = bake(self._caster, self._faces)
+        self._tracer = Tracer(scene)
         self._angles = tuple(1.0 / (camera.fx * samples) for camera in (rig.left, rig.right))
         self._directions = tuple(
             pixel_rays(camera, rig.image_size, samples) for camera in (rig.left, rig.right)
@@ -61,13 +57,12 @@ class StereoRenderer:
         rays = [_place(d, *view) for d, view in zip(self._directions, views, strict=True)]
         with ThreadPoolExecutor(2) as pool:
             images = list(pool.map(self._image, rays, self._angles, (0, 1), (frame, frame)))
-        depth, _ = self._caster.cast(_place(self._centres, *views[0]))
+        depth = self._tracer.depth(_place(self._centres, *views[0]))
         width, height = self.rig.image_size
         return RenderedPair(images[0], images[1], depth.reshape(height, width))
 
     def _image(self, rays: np.ndarray, angle: float, camera: int, frame: int) -> np.ndarray:
-        depth, triangle = self._caster.cast(rays)
-        grey = shade(rays, depth, triangle, self._faces, self._light, angle)
+        grey = self._tracer.grey(rays, angle)
         chance = np.random.default_rng((self.seed, NOISE_PURPOSE, camera, frame))
         grey += NOISE_SIGMA * chance.standard_normal(len(grey), np.float32)
         width, height = self.rig.image_size

@@ -16,7 +16,7 @@ GAMMA = 1.9
 STEEPEST = 0.15  # cosine below which the footprint no longer grows
 
 
-def shade(
+def radiance(
     rays: np.ndarray,
     depth: np.ndarray,
     triangle: np.ndarray,
@@ -24,7 +24,7 @@ def shade(
     light: Lightmap,
     sample_angle: float,
 ) -> np.ndarray:
-    """Grey levels (n,) float32, 0 to 255, of n pixels with k samples each; black where no hit.
+    """Light (n,) of n pixels with k samples each, 1 = white; 0 where nothing is hit.
 
     rays: (n, k, 6) origins and directions; depth: (n, k) ray parameter of the hit, inf if none;
     triangle: (n, k), two to a face; sample_angle: width of a sample as seen from the camera, in
@@ -35,10 +35,9 @@ def shade(
         rays.reshape(-1, 6), depth.ravel(), face, faces.origin, faces.u_axis, faces.v_axis,
         faces.normal, sample_angle,
     )  # fmt: skip
-    radiance = reflectances(face, u, v, footprint, faces.material, faces.size, faces.seed)
-    radiance *= light_at(face, u, v, faces.size, light.values, light.first, light.shape)
-    mean = EXPOSURE * radiance.reshape(depth.shape).mean(axis=1)
-    return (255.0 * np.minimum(mean, 1.0) ** (1.0 / GAMMA)).astype(np.float32)
+    result = reflectances(face, u, v, footprint, faces.material, faces.size, faces.seed)
+    result *= light_at(face, u, v, faces.size, light.values, light.first, light.shape)
+    return EXPOSURE * result.reshape(depth.shape).mean(axis=1)
 
 
 @njit(cache=True, nogil=True)
