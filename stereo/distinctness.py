@@ -15,6 +15,7 @@ from stereo.disparity import SUBPIXEL
 GROUP = 4  # columns that share a verdict
 ROWS = 12  # rows of a column that are compared, spread over those that agree on its range
 REACH = 10  # columns to either side [px]
+LEAST = 5  # columns that tell anything
 # A rival is a disparity further away than this [px].
 OWN = 2
 
@@ -30,7 +31,7 @@ def margins(disparity, left, right, winner, bins):
     rows, columns = disparity.shape
     margin = np.full(columns, np.nan)
     agreeing = np.empty(rows, np.int64)
-    costs = np.empty((3, bins), np.int64)
+    costs = np.empty((3, bins))
     for begin in range(0, columns, GROUP):
         end = min(begin + GROUP, columns)
         u = begin + GROUP // 2
@@ -39,33 +40,38 @@ def margins(disparity, left, right, winner, bins):
                 u = at
         if not winner[u] > 0.0:
             continue
-        found, best = 0, 0.0
+        found = 0
         for v in range(rows):
-            if abs(disparity[v, u] / SUBPIXEL - winner[u]) <= 1.5:
+            if abs(disparity[v, u] / SUBPIXEL - winner[u]) <= OWN:
                 agreeing[found] = v
                 found += 1
         first, last = max(u - REACH, 0), min(u + REACH + 1, columns)
-        limit = min(bins, first + 1)
+        limit = min(bins, u + 1)
         taken = min(found, ROWS)
         if taken < 2 or limit <= winner[u]:
             continue
         for d in range(limit):
             before = after = 0
+            start = max(first, d)  # left of it the right image ends
             for k in range(taken):
                 v = agreeing[k * found // taken]
-                for x in range(first, u + 1):
+                for x in range(start, u + 1):
                     before += abs(np.int32(left[v, x]) - np.int32(right[v, x - d]))
                 for x in range(u + 1, last):
                     after += abs(np.int32(left[v, x]) - np.int32(right[v, x - d]))
-            costs[0, d], costs[1, d], costs[2, d] = before, after, before + after
+            costs[0, d] = before / (u + 1 - start) if u - start >= LEAST else np.inf
+            costs[1, d] = after / (last - u - 1) if last - u > LEAST else np.inf
+            costs[2, d] = (before + after) / (last - start)
         # Beside an outline, the window on one side shows another surface.
+        best = 0.0
         for side in range(3):
-            own = rival = 1 << 60
+            own = rival = np.inf
             for d in range(limit):
                 if abs(d - winner[u]) <= OWN:
                     own = min(own, costs[side, d])
                 else:
                     rival = min(rival, costs[side, d])
-            best = max(best, rival / max(own, 1))
+            if own < np.inf and rival < np.inf:
+                best = max(best, rival / max(own, 1.0))
         margin[begin:end] = best
     return margin
