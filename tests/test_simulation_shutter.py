@@ -7,6 +7,7 @@ left (a soft edge a few pixels wide), so that a turning robot moves it by angles
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -65,7 +66,7 @@ def place(angle: float) -> float:
     return rig().left.cx - rig().left.fx * math.tan(angle)
 
 
-def light(time: float = 0.0, samples: int = 2, **faults: float):
+def light(time: float = 0.0, samples: int = 2, **faults: Any):
     return StereoRenderer(
         Sky(), rig(), samples=samples, faults=CameraFaults(**faults)
     ).light(turning, time)  # fmt: skip
