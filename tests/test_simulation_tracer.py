@@ -251,3 +251,21 @@ def test_the_office_looks_as_in_the_recording_that_ships():
             for content in (packed, stored)
         )
         assert np.abs(again - shipped).mean() < 0.01
+
+
+def test_a_white_wall_stays_below_a_grey_level_of_texture():
+    """Seen from 2 m by pixels of 1/493 rad, as the minibee's: no step from one to the next."""
+    u, v = np.meshgrid(np.arange(-150, 150) / 493.0, np.arange(-60, 61, 30) / 493.0)
+    rays = np.zeros((u.size, 1, 6), np.float32)
+    rays[:, 0, :3] = (4.0, 2.0, 1.2)
+    rays[:, 0, 3:] = np.stack([np.ones_like(u), u, v], axis=-1).reshape(-1, 3)
+    white, painted = (
+        Tracer(scene(walls=walls)).grey(rays, 1.0 / 493.0).reshape(u.shape)
+        for walls in ("white", "plaster")
+    )
+    assert 80.0 < white.mean() < 230.0
+    # What lies between a pixel and the mean of those 10 beside it is texture, not shade.
+    texture = [grey[:, 10:-10] - 0.5 * (grey[:, 20:] + grey[:, :-20]) for grey in (white, painted)]
+    assert np.abs(texture[0]).max() < 1.0
+    assert np.abs(np.diff(white, axis=1)).max() < 0.5
+    assert texture[1].std() > 1.0
