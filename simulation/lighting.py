@@ -127,7 +127,7 @@ class _Lamps:
 
     def light(self, caster: RayCaster, at: np.ndarray, normal: np.ndarray) -> np.ndarray:
         """Light (n,) of all lamps at the places `at` (n, 3) of surfaces that face `normal`."""
-        place, point, share = _shares(at, normal, self.points, self.normal, self.area)
+        place, point, share = shares(at, normal, self.points, self.normal, self.area)
         way = self.points[point] - at[place]
         rays = np.concatenate([at[place], way], axis=1).astype(np.float32)
         seen = caster.cast(rays)[0] > 1.0 - 1e-3
@@ -135,7 +135,7 @@ class _Lamps:
 
 
 @njit(cache=True, nogil=True)
-def _shares(at, normal, points, shines, area):
+def shares(at, normal, points, shines, area):
     """Which places (n, 3) get how much light from which points (p, 3) if nothing is between:
     place (m,), point (m,), light (m,)."""
     place = np.empty(len(at) * len(points), np.int64)

@@ -34,6 +34,7 @@ class Tracer:
         self._parts = scene.mover_faces()
         faces = scene.faces()
         self._still = _Stage(faces, bake(faces, scene.coarse_light), RayCaster(faces))
+        self._latest = (math.nan, self._still)
 
     def grey(self, rays: np.ndarray, angle: float, time: float = 0.0) -> np.ndarray:
         """Grey levels (n,) float32, 0 to 255, of n pixels; see `linear`."""
@@ -61,12 +62,17 @@ class Tracer:
     def _at(self, time: float) -> _Stage:
         if not self._movers:
             return self._still
-        return self._still.joined(
-            [
-                part.placed(*mover.pose(time))
-                for mover, part in zip(self._movers, self._parts, strict=True)
-            ]
-        )
+        # Read and written as one, so that threads at different times do not mix them up.
+        moment, stage = self._latest
+        if moment != time:
+            stage = self._still.joined(
+                [
+                    part.placed(*mover.pose(time))
+                    for mover, part in zip(self._movers, self._parts, strict=True)
+                ]
+            )
+            self._latest = (time, stage)
+        return stage
 
 
 def to_grey(linear: np.ndarray) -> np.ndarray:
