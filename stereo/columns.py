@@ -71,7 +71,7 @@ def nearest_per_column(
     would match as well; +inf where what answers lies beyond `max_range`.
     """
     left, right = (cv2.Sobel(image, cv2.CV_16S, 1, 0, ksize=3) for image in images)
-    *gathered, closest = gather(
+    gathered, closest = gather(
         disparity,
         left,
         seen,
