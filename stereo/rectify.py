@@ -18,7 +18,8 @@ from stereo.errors import StereoError
 
 # Rows above and below the band that SGBM needs to aggregate its costs.
 BAND_MARGIN = 12
-
+# So near [px] to what a camera did not see, a block or a gradient holds some of it.
+RIM = 3
 
 # How far, as a cosine, the baseline may lean out of the image rows and out of the floor plane.
 LEAST_SIDEWAYS = 0.5
@@ -139,16 +140,14 @@ class Rectifier:
 
     def _seen_columns(self) -> np.ndarray:
         """(4, height) int32: first column and one past the last that the left, then the right
-        camera saw, in every row. What lies outside is black and matches itself."""
+        camera saw, in every row. What lies outside is black and matches itself, and so does its
+        outline as far as it reaches into blocks and gradients."""
         width, height = self.rig.image_size
         white = np.full((height, width), 255, np.uint8)
-        limits = []
-        for image in self(white, white):
-            whole = image == 255
-            first = np.where(whole.any(axis=1), whole.argmax(axis=1), image.shape[1])
-            last = image.shape[1] - whole[:, ::-1].argmax(axis=1)
-            limits += [first, np.where(whole.any(axis=1), last, 0)]
-        return np.array(limits, np.int32)
+        reach = np.ones((2 * RIM + 1, 2 * RIM + 1), np.uint8)
+        inner = [cv2.erode(image, reach) == 255 for image in self(white, white)]
+        limits = [_longest_run(row) for image in inner for row in image]
+        return np.array(limits, np.int32).reshape(2, -1, 2).transpose(0, 2, 1).reshape(4, -1)
 
     def left_in_colour(self, left: np.ndarray) -> np.ndarray:
         """The rectified left image with its colours, for people and clouds."""
@@ -239,6 +238,16 @@ def _band_rows(
             "check the rig's mount (height, pitch in degrees, nose down positive)"
         )
     return first, last + 1
+
+
+def _longest_run(row: np.ndarray) -> tuple[int, int]:
+    """First and one past the last of the most neighbours that are true; of a lens with barrel
+    distortion the outermost rows show the image's corners alone, with nothing between them."""
+    edges = np.flatnonzero(np.diff(row.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
+    if not len(edges):
+        return row.size, 0
+    first, last = edges[np.argmax(edges[:, 1] - edges[:, 0])]
+    return int(first), int(last)
 
 
 def _maps(camera: CameraModel, R: np.ndarray, P: np.ndarray, size: tuple[int, int]):
