@@ -150,7 +150,8 @@ class Rectifier:
         return np.array(limits, np.int32).reshape(2, -1, 2).transpose(0, 2, 1).reshape(4, -1)
 
     def left_in_colour(self, left: np.ndarray) -> np.ndarray:
-        """The rectified left image with its colours, for people and clouds."""
+        """The rectified left image with its colours, uint8, for people and clouds."""
+        left, _ = _eight_bits(left, left)
         if self._cut_only:
             return left[self._rows]
         return cv2.remap(left, *self._left_maps, cv2.INTER_LINEAR)
