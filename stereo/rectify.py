@@ -20,6 +20,8 @@ from stereo.errors import StereoError
 BAND_MARGIN = 12
 # So near [px] to what a camera did not see, a block or a gradient holds some of it.
 RIM = 3
+# In fewer rows a matcher's block finds nothing.
+LEAST_ROWS = 8
 
 # How far, as a cosine, the baseline may lean out of the image rows and out of the floor plane.
 LEAST_SIDEWAYS = 0.5
@@ -82,10 +84,13 @@ class Rectifier:
         if rig.rectified:
             f = rig.left.fx
         width, height = rig.image_size
-        rays_left = _border_rays(rig.left, rig.image_size) @ left_from_raw.T
-        rays_right = _border_rays(rig.right, rig.image_size) @ right_from_raw.T
-        cx, cy = _principal_point(rig, f, (rays_left, rays_right), left_from_raw)
-        top, bottom = _band_rows(f, cy, mount.height, heights, nearest, (rays_left, rays_right))
+        rays = (
+            _border_rays(rig.left, rig.image_size) @ left_from_raw.T,
+            _border_rays(rig.right, rig.image_size) @ right_from_raw.T,
+        )
+        cx, cy = _principal_point(rig, f, rays, left_from_raw)
+        least = LEAST_ROWS * rows_joined
+        top, bottom = _band_rows(f, cy, mount.height, heights, nearest, rays, least)
         rows = (bottom - top) // rows_joined
         self.camera = RectifiedCamera(
             width=width,
@@ -224,6 +229,7 @@ def _band_rows(
     heights: tuple[float, float],
     nearest: float,
     rays: tuple[np.ndarray, np.ndarray],
+    least: int,
 ) -> tuple[int, int]:
     """First and one past the last row that both show something and can hold obstacles."""
     ahead = np.concatenate([r[r[:, 2] > 0.05] for r in rays])
@@ -233,7 +239,7 @@ def _band_rows(
     bottom = min(float(seen.max()), max(float(slopes[0]), 0.0))
     first = int(np.floor(max(cy + f * top - BAND_MARGIN, cy + f * seen.min())))
     last = int(np.ceil(min(cy + f * bottom + BAND_MARGIN, cy + f * seen.max())))
-    if last - first < 8:
+    if last + 1 - first < least:
         raise StereoError(
             f"no image row can hold an obstacle between {heights[0]} and {heights[1]} m: "
             "check the rig's mount (height, pitch in degrees, nose down positive)"
