@@ -55,15 +55,20 @@ def mount_over_floor(points: np.ndarray) -> Mount:
     """The mount that puts the floor of the picture at height 0; points (H, W, 3)."""
     floor = points[FLOOR].reshape(-1, 3)
     floor = floor[~np.isnan(floor[:, 2])]
+    plane, height = _plane(floor)
     for _ in range(10):
-        plane = np.linalg.lstsq(floor, np.ones(len(floor)), rcond=None)[0]
-        height = 1.0 / np.linalg.norm(plane)
         off = np.abs(floor @ plane - 1.0) * height
-        floor = floor[off < max(THICKNESS, float(np.median(off)))]
+        plane, height = _plane(floor[off < max(THICKNESS, float(np.median(off)))])
     up = -plane * height
     ahead = np.array([0.0, 0.0, 1.0]) - up[2] * up
     ahead /= np.linalg.norm(ahead)
     return Mount.from_pose(np.stack([ahead, np.cross(up, ahead), up]), np.array([0, 0, height]))
+
+
+def _plane(points: np.ndarray) -> tuple[np.ndarray, float]:
+    """n with n p = 1 for the points p (n, 3) of a plane, and its distance from the origin."""
+    normal = np.linalg.lstsq(points, np.ones(len(points)), rcond=None)[0]
+    return normal, 1.0 / float(np.linalg.norm(normal))
 
 
 def rig_of(picture: Picture, mount: Mount) -> StereoRig:
