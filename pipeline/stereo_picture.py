@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from stereo.ranger import StereoFrame, StereoRanger
     from stereo.scan import RangeScan
 
-SIZE, DPI = (14.0, 8.4), 100  # inches
+SIZE, DPI = (13.6, 8.4), 100  # inches
 LINES = 8  # row lines
 # Pixels whose disparity is that of their column's range within this belong to it [px].
 BELONGS = 1.5
@@ -51,7 +51,7 @@ class StereoPicture:
         figure.clear()
         camera = self._ranger.camera
         # The images side as wide as three of them, one above the other, need it.
-        wide = min(0.24 * SIZE[1] * camera.width / (camera.height * camera.rows_joined) + 0.6, 7.0)
+        wide = min(0.24 * SIZE[1] * camera.width / (camera.height * camera.rows_joined) + 1.5, 7.0)
         grid = figure.add_gridspec(
             3,
             2,
@@ -68,7 +68,7 @@ class StereoPicture:
         for axes, image, name in ((left, images[0], "left"), (right, images[1], "right")):
             self._image(axes, image, name)
         self._rests_on(left, frame)
-        note = "; green: a point lies on the same line in both"
+        note = "; green: the same rows in both"
         right.set_title(right.get_title(loc="left") + note, **TITLE)
         self._depth(below, frame)
         self._scan(figure.add_subplot(grid[:, 1], anchor="NW"), frame.scan, truth)
