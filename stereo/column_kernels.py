@@ -19,28 +19,33 @@ NEIGHBOURS = 4
 LEAST_ALIKE = 2
 # Roughness of a column without enough neighbours on either side [px].
 LONELY = 0.5
+KK=3.0
+ZZ=4.0
 
 
 @njit(cache=True, nogil=True)
-def gather(disparity, image, seen, rotation, intrinsics, height, band, texture, bins):
+def gather(disparity, gradients, seen, rotation, intrinsics, height, band, noise2, bins):
     """Pixels in the height band by column and whole disparity.
 
-    disparity (H, W) int16 sixteenths, image (H, W) uint8 rectified left; seen (4, H) as
-    `Rectifier.seen`; rotation (3, 3) from the camera to the level sensor frame; intrinsics f,
+    disparity (H, W) int16 sixteenths; gradients (H, W) int16 across the rectified left image;
+    seen (4, H) as `Rectifier.seen`; rotation (3, 3) from the camera to the level sensor frame; intrinsics f,
     f_rows, cx, cy, baseline; height of the camera [m]; band lowest, highest [m], tangent of the
-    tilt's doubt, noise [px]; texture: least grey-level difference over two pixels of a firm one.
+    tilt's doubt, noise [px]; texture: least gradient of a firm pixel.
 
     Returns filled, firm (W, bins) int32; nearness, energy (W, bins) float64: the sums of 1/range
     and of squared gradients of the firm pixels.
     """
     f, f_rows, cx, cy, baseline = intrinsics
     low, high, tilt, noise = band
+    least = noise2
+    most = 9.0 * noise2
     # Floor seen through a tilt or a disparity error must not become an obstacle: both raise it
     # in proportion to the depth.
     doubt = 3.0 * math.hypot(tilt, height * noise / (f * baseline))
     rows, columns = disparity.shape
     filled = np.zeros((columns, bins), np.int32)
-    firm = np.zeros((columns, bins), np.int32)
+    evidence = np.zeros((columns, bins), np.float64)
+    weights = np.zeros((columns, bins), np.float64)
     nearness = np.zeros((columns, bins), np.float64)
     energy = np.zeros((columns, bins), np.float64)
     for v in range(rows):
@@ -70,24 +75,24 @@ def gather(disparity, image, seen, rotation, intrinsics, height, band, texture, 
                 continue
             bin_ = min(round(d), bins - 1)
             filled[column, bin_] += 1
-            before, after = image[v, max(u - 1, 0)], image[v, min(u + 1, columns - 1)]
-            gradient = abs(float(after) - float(before))
-            if gradient >= texture:
-                firm[column, bin_] += 1
-                nearness[column, bin_] += 1.0 / math.sqrt(X * X + Y * Y)
-                energy[column, bin_] += gradient * gradient
-    return filled, firm, nearness, energy
+            square = float(gradients[v, u]) ** 2
+            weight = min(square, most)
+            evidence[column, bin_] += weight / least - 1.0
+            weights[column, bin_] += weight
+            nearness[column, bin_] += weight / math.sqrt(X * X + Y * Y)
+            energy[column, bin_] += square
+    return filled, evidence, weights, nearness, energy
 
 
 @njit(cache=True, nogil=True)
-def nearest_standing(filled, firm, nearness, energy, needed, veto, one_surface, max_range):
+def nearest_standing(filled, evidence, weights, nearness, energy, needed, veto, one_surface, max_range):
     """Range (W,) [m], pixels behind it (W,), energy (W,) of the column's own gradients there.
 
     needed (bins,): firm pixels that an obstacle at that disparity must show in three columns and
     two disparities. Where `veto` times as many are filled in, and no firm one follows within
     `one_surface` of the disparity, a blank obstacle may stand: unknown.
     """
-    columns, bins = firm.shape
+    columns, bins = filled.shape
     ranges = np.full(columns, np.nan)
     support = np.zeros(columns, np.int32)
     outline = np.zeros(columns, np.float64)
@@ -99,17 +104,21 @@ def nearest_standing(filled, firm, nearness, energy, needed, veto, one_surface, 
                 break
             if filled[u, d] == 0:
                 continue
-            pixels = firm[first:last, d - 1 : d + 1].sum()
-            if pixels < needed[d]:
+            window = slice(max(d - 2, 0), d + 1)
+            filling = filled[first:last, window].sum()
+            found = evidence[first:last, window].sum()
+            if found < KK * needed[d] or found < ZZ * math.sqrt(2.0 * filling):
                 filling = filled[first:last, d - 1 : d + 1].sum()
                 if blank == 0 and filling >= veto * needed[d]:
                     blank = d
                 continue
             # The window that first holds enough sits on the near slope of the surface's peak.
-            if d > 1 and firm[first:last, d - 2 : d].sum() > pixels:
+            weight = weights[first:last, d - 1 : d + 1].sum()
+            if d > 1 and weights[first:last, d - 2 : d].sum() > weight:
                 d -= 1
-                pixels = firm[first:last, d - 1 : d + 1].sum()
-            r = pixels / nearness[first:last, d - 1 : d + 1].sum()
+                weight = weights[first:last, d - 1 : d + 1].sum()
+            pixels = filling
+            r = weight / nearness[first:last, d - 1 : d + 1].sum()
             ranges[u] = np.inf if r > max_range else r
             support[u] = pixels
             outline[u] = energy[u, d - 1 : d + 1].sum()

@@ -13,12 +13,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from stereo.column_kernels import confirm, gather, nearest_standing, trim_outlines
 from stereo.rectify import RectifiedCamera
 from stereo.settings import StereoSettings
 
+# Sobel's operator sums so many differences over two pixels.
+SOBEL = 4.0
 # An obstacle so high [m] must be seen; of its pixels in three columns, this share be firm.
 LEAST_HEIGHT = 0.03
 LEAST_SHARE = 0.6
@@ -66,20 +69,22 @@ def nearest_per_column(
         [[math.cos(yaw), math.sin(yaw), 0.0], [-math.sin(yaw), math.cos(yaw), 0.0], [0.0, 0.0, 1.0]]
     )
     tilt = math.tan(math.radians(settings.tilt_sigma))
-    filled, firm, nearness, energy = gather(
+    gradients = cv2.Sobel(image, cv2.CV_16S, 1, 0, ksize=3)
+    noise2 = 1e-6 if plain else gradient_noise(gradients)**2 * settings.texture**2
+    filled, evidence, weights, nearness, energy = gather(
         disparity,
-        image,
+        gradients,
         seen,
         to_sensor @ camera.rotation,
         np.array([camera.f, camera.f_rows, camera.cx, camera.cy, camera.baseline]),
         float(camera.position[2]),
         np.array([settings.height_min, settings.height_max, tilt, settings.noise]),
-        0.0 if plain else settings.texture,
+        noise2,
         disparities + 1,
     )
     needed = _needed(camera, settings, disparities)
     ranges, support, outline = nearest_standing(
-        filled, firm, nearness, energy, needed, np.inf if plain else VETO, ONE_SURFACE, max_range
+        filled, evidence, weights, nearness, energy, needed, np.inf if plain else VETO, ONE_SURFACE, max_range
     )
     secant = np.hypot(1.0, (np.arange(camera.width) - camera.cx) / camera.f)
     factor = camera.depth_factor * secant  # disparity = factor / range
@@ -90,6 +95,13 @@ def nearest_per_column(
     noise = np.hypot(settings.noise, ROUGHNESS * roughness)
     sigma = np.where(np.isfinite(ranges), ranges**2 * noise / factor, np.nan)
     return Columns(ranges, sigma, np.where(np.isnan(ranges), 0, support))
+
+
+def gradient_noise(g):
+    h,w=g.shape
+    g=g[:h//8*8,:w//8*8].astype(np.float32)
+    b=(g**2).reshape(h//8,8,-1,8).mean((1,3)).ravel()
+    return max(2.0, float(np.sqrt(np.quantile(b,.03))))
 
 
 def _needed(camera: RectifiedCamera, settings: StereoSettings, disparities: int) -> np.ndarray:

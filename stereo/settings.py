@@ -53,7 +53,7 @@ class StereoSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             "grey levels",
             ge=0,
         ),
-    ] = 5.0
+    ] = 1.0
     height_min: Annotated[float, _meta("lower things are floor", "m")] = 0.10
     height_max: Annotated[float, _meta("higher things do not stop the robot", "m")] = 1.20
     tilt_sigma: Annotated[
