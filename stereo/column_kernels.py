@@ -19,8 +19,8 @@ NEIGHBOURS = 4
 LEAST_ALIKE = 2
 # Roughness of a column without enough neighbours on either side [px].
 LONELY = 0.5
-KK=3.0
-ZZ=4.0
+KK = 3.0
+ZZ = 4.0
 
 
 @njit(cache=True, nogil=True)
@@ -85,7 +85,9 @@ def gather(disparity, gradients, seen, rotation, intrinsics, height, band, noise
 
 
 @njit(cache=True, nogil=True)
-def nearest_standing(filled, evidence, weights, nearness, energy, needed, veto, one_surface, max_range):
+def nearest_standing(
+    filled, evidence, weights, nearness, energy, needed, veto, one_surface, max_range
+):
     """Range (W,) [m], pixels behind it (W,), energy (W,) of the column's own gradients there.
 
     needed (bins,): firm pixels that an obstacle at that disparity must show in three columns and

@@ -70,7 +70,7 @@ def nearest_per_column(
     )
     tilt = math.tan(math.radians(settings.tilt_sigma))
     gradients = cv2.Sobel(image, cv2.CV_16S, 1, 0, ksize=3)
-    noise2 = 1e-6 if plain else gradient_noise(gradients)**2 * settings.texture**2
+    noise2 = 1e-6 if plain else gradient_noise(gradients) ** 2 * settings.texture**2
     filled, evidence, weights, nearness, energy = gather(
         disparity,
         gradients,
@@ -84,7 +84,15 @@ def nearest_per_column(
     )
     needed = _needed(camera, settings, disparities)
     ranges, support, outline = nearest_standing(
-        filled, evidence, weights, nearness, energy, needed, np.inf if plain else VETO, ONE_SURFACE, max_range
+        filled,
+        evidence,
+        weights,
+        nearness,
+        energy,
+        needed,
+        np.inf if plain else VETO,
+        ONE_SURFACE,
+        max_range,
     )
     secant = np.hypot(1.0, (np.arange(camera.width) - camera.cx) / camera.f)
     factor = camera.depth_factor * secant  # disparity = factor / range
@@ -98,10 +106,10 @@ def nearest_per_column(
 
 
 def gradient_noise(g):
-    h,w=g.shape
-    g=g[:h//8*8,:w//8*8].astype(np.float32)
-    b=(g**2).reshape(h//8,8,-1,8).mean((1,3)).ravel()
-    return max(2.0, float(np.sqrt(np.quantile(b,.03))))
+    h, w = g.shape
+    g = g[: h // 8 * 8, : w // 8 * 8].astype(np.float32)
+    b = (g**2).reshape(h // 8, 8, -1, 8).mean((1, 3)).ravel()
+    return max(2.0, float(np.sqrt(np.quantile(b, 0.03))))
 
 
 def _needed(camera: RectifiedCamera, settings: StereoSettings, disparities: int) -> np.ndarray:
