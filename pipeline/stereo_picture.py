@@ -200,8 +200,9 @@ def in_words(scan: RangeScan, truth: np.ndarray | None) -> str:
     both = hit & ~np.isnan(truth)
     if not both.any():
         return text
-    off = np.abs(scan.range - np.where(both, truth, 0.0))[both]
-    wrong = int(np.sum(~(off <= WRONG * truth[both])))
+    # Where nothing stands every range is wrong: a tenth of infinity would forgive it.
+    allowed = np.where(np.isfinite(truth[both]), WRONG * truth[both], 0.0)
+    wrong = int(np.sum(np.abs(scan.range[both] - truth[both]) > allowed))
     through = int(np.sum(free & (truth < scan.max_range)))
     text += f"; against the truth: {wrong} ranges wrong by more than {100 * WRONG:.0f} %"
     return text + (f", {through} free in spite of an obstacle" if through else "")
