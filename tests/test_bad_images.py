@@ -89,9 +89,15 @@ def write(file, image: np.ndarray) -> None:
     assert cv2.imwrite(str(file), image, [cv2.IMWRITE_JPEG_QUALITY, 95])
 
 
+def read(file) -> np.ndarray:
+    image = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
+    assert image is not None
+    return image
+
+
 def spoil(pair, kind: str) -> None:
     left, right = pair
-    shape = cv2.imread(str(left), cv2.IMREAD_GRAYSCALE).shape
+    shape = read(left).shape
     if kind == SAME:
         right.write_bytes(left.read_bytes())
     elif kind == LEFT_COVERED:
@@ -109,8 +115,7 @@ def test_spoilt_pairs_are_skipped_counted_and_told(office, beemap, tmp_path):
     for number, kind in enumerate(kinds):
         for pair in pairs[10 + 4 * number : 12 + 4 * number]:
             spoil(pair, kind)
-    small = cv2.imread(str(pairs[35][0]), cv2.IMREAD_GRAYSCALE)
-    write(pairs[35][0], small[::2, ::2].copy())
+    write(pairs[35][0], read(pairs[35][0])[::2, ::2].copy())
     run = tmp_path / "run"
     outcome = beemap("map", office, "-o", run, "--motion", "poses", *SETTINGS)
     assert outcome.code == 0, outcome.err

@@ -14,11 +14,17 @@ from stereo.ranger import StereoRanger
 from stereo.scan import RangeScan
 
 
+def read(file) -> np.ndarray:
+    image = cv2.imread(str(file))
+    assert image is not None
+    return image
+
+
 def test_the_picture_says_what_the_scan_says(office, beemap, tmp_path):
     picture = tmp_path / "pair.png"
     outcome = beemap("stereo", "show", office, "--frame", 7, "-o", picture)
     assert outcome.code == 0, outcome.err
-    image = cv2.imread(str(picture))
+    image = read(picture)
     assert image.shape[0] > 700
     assert image.shape[1] > 1000
     assert image.std() > 30
@@ -39,14 +45,15 @@ def test_the_orange_pixels_are_those_of_the_ranges(office):
     marked = belonging(frame, ranger)
     with_range = np.isfinite(frame.scan.range[::-1])
     # The camera is level: a pixel's column is its direction.
-    assert marked.any(axis=0)[with_range].mean() > 0.9
-    assert not marked.any(axis=0)[~with_range].any()
+    columns = np.any(marked, axis=0)
+    assert np.mean(columns[with_range]) > 0.9
+    assert not np.any(columns[~with_range])
 
 
 def test_the_truth_is_drawn_and_told_where_it_is_known(office, beemap, tmp_path):
     picture = tmp_path / "pair.png"
     plain = beemap("stereo", "show", office, "--frame", 7, "-o", picture)
-    before = cv2.imread(str(picture))
+    before = read(picture)
     assert "truth" not in plain.out
     recording = open_recording(office)
     assert recording.rig is not None
@@ -59,7 +66,7 @@ def test_the_truth_is_drawn_and_told_where_it_is_known(office, beemap, tmp_path)
     wrong = re.search(r"truth: (\d+) ranges wrong", told)
     assert wrong
     assert int(wrong[1]) == np.isfinite(scan.range).sum()
-    assert not np.array_equal(before, cv2.imread(str(picture)))
+    assert not np.array_equal(before, read(picture))
 
 
 def test_words_by_hand():
