@@ -137,10 +137,9 @@ def by_truth(points: np.ndarray, mount: Mount, picture: Picture, ranger: StereoR
     inside &= picture.inside[row, column]
     depth = np.where(inside, points[row, column] @ to_raw[:, 2], np.nan)
     disparity = np.nan_to_num(SUBPIXEL * camera.depth_factor / depth, nan=-SUBPIXEL)
-    left, _ = ranger.rectify(picture.left, picture.right)
     found = nearest_per_column(
         np.rint(disparity).astype(np.int16),
-        left,
+        ranger.rectify(picture.left, picture.right),
         ranger.rectify.seen,
         camera,
         ranger.settings,
