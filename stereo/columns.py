@@ -27,7 +27,7 @@ from stereo.settings import StereoSettings
 LEAST_HEIGHT = 0.03
 LEAST_SHARE = 0.6
 # So many times that, filled in across a blank surface before a sure one: something may stand there.
-VETO = 2.0
+VETO = 1.0
 # Disparities within this share of each other (at least 1 px) may be of one surface.
 ONE_SURFACE = 0.1
 # The best rival must cost so many times as much as the match.
