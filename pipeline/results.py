@@ -155,7 +155,10 @@ def _summary(
         "seconds": {stage: round(seconds, 3) for stage, seconds in run.seconds.items()},
         # ru_maxrss counts kilobytes on Linux, bytes on macOS.
         "peak_memory_mb": round(peak / (1e6 if sys.platform == "darwin" else 1e3), 1),
-        "health": health_lines(run.mapper, sight, encoders=facts.get("motion") == "encoders"),
+        "health": [
+            *health_lines(run.mapper, sight, encoders=facts.get("motion") == "encoders"),
+            *run.told,
+        ],
         "versions": {name: version(name) for name in VERSIONS_OF},
         "python": platform.python_version(),
     }

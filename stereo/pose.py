@@ -13,6 +13,7 @@ from stereo.rectify import RectifiedCamera
 TRIPLES = 80
 STEPS = 12
 SETTLED = 1e-7  # m, rad
+LEAST_AGREE = 6
 # A point agrees with a hypothesis within so many pixels.
 GATE = 3.0
 # And with the pose that all who agree give, within so many of their own standard deviations.
@@ -114,9 +115,9 @@ def find_pose(
             head_start: how far others must beat the guess (`hypotheses`).
 
     Returns:
-        None when fewer than three points agree.
+        None when fewer than `LEAST_AGREE` points agree.
     """
-    if len(X) < 3:
+    if len(X) < LEAST_AGREE:
         return None
     camera = (view.rotation, view.position, view.lens)
     prior = np.array([0.0, 0.0, CLIMB**-2, TIP**-2, TIP**-2, 0.0])
@@ -125,13 +126,15 @@ def find_pose(
         X, rays, pixels, triples, *guess, *camera, prior * NOISE**2, GATE**2, head_start
     )
     agree = misfits(X, rays, pixels, R, t, *camera) < GATE**2
-    if agree.sum() < 3:
+    if agree.sum() < LEAST_AGREE:
         return None
     noise = NOISE
     for _ in range(STEPS):
         squared = misfits(X, rays, pixels, R, t, *camera)
         noise = _noise(squared[agree])
         inliers = squared < (OUTLIER * noise) ** 2
+        if inliers.sum() < LEAST_AGREE:
+            return None
         # Huber's weights: a residual beyond 1.5 sigma pulls no more than one at 1.5.
         far = np.sqrt(np.minimum(squared, 1e12)) / noise
         weights = np.where(inliers, np.minimum(1.0, 1.5 / np.maximum(far, 1e-9)), 0.0)
@@ -142,8 +145,6 @@ def find_pose(
         step = -inverse @ b
         R, t = stepped(R, t, step)
         agree = inliers
-        if agree.sum() < 3:
-            return None
         if np.abs(step).max() < SETTLED:
             break
     whole = TOGETHER * noise**2 * inverse
@@ -160,4 +161,3 @@ def _noise(squared: np.ndarray) -> float:
     found = float(np.median(squared)) / CHI2_MEDIAN
     n = len(squared)
     return math.sqrt((n * found + NOISE_COUNT * NOISE**2) / (n + NOISE_COUNT))
-

@@ -60,8 +60,12 @@ class VisualOdometry:
         return self._key is not None
 
     def start(self, pyramids: Pyramids) -> bool:
-        """Make the pair the key frame; false, and none is left, when it shows too little."""
-        return self._renew(KeyFrame(pyramids, self.view))
+        """Make the pair the key frame; false, and nothing changes, when it shows too little."""
+        fresh = KeyFrame(pyramids, self.view)
+        if len(fresh) < LEAST_POINTS:
+            return False
+        self._renew(fresh)
+        return True
 
     def see(self, pyramids: Pyramids, expected: np.ndarray) -> Sighting:
         """Where the robot stands now.
@@ -93,10 +97,9 @@ class VisualOdometry:
         self._pose = (pose.R, pose.t)
         return Sighting(pose, found, renewed)
 
-    def _renew(self, key: KeyFrame) -> bool:
-        self._key = key if len(key) >= LEAST_POINTS else None
+    def _renew(self, key: KeyFrame) -> None:
+        self._key = key
         self._pose = (np.eye(3), np.zeros(3))
-        return self._key is not None
 
     def _ahead(self, motion: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The pose last seen, moved in the robot's plane."""
