@@ -12,7 +12,7 @@ from stereo.rectify import RectifiedCamera
 
 TRIPLES = 80
 STEPS = 12
-SETTLED = 1e-7  # m, rad
+SETTLED = 1e-5  # m, rad
 LEAST_AGREE = 6
 # A point agrees with a hypothesis within so many pixels.
 GATE = 3.0
@@ -128,7 +128,7 @@ def find_pose(
     agree = misfits(X, rays, pixels, R, t, *camera) < GATE**2
     if agree.sum() < LEAST_AGREE:
         return None
-    noise = NOISE
+    noise, inverse, H2 = NOISE, np.zeros((6, 6)), np.zeros((6, 6))
     for _ in range(STEPS):
         squared = misfits(X, rays, pixels, R, t, *camera)
         noise = _noise(squared[agree])
@@ -148,7 +148,7 @@ def find_pose(
         if np.abs(step).max() < SETTLED:
             break
     whole = TOGETHER * noise**2 * inverse
-    now = TOGETHER * noise**2 * inverse @ H2 @ inverse
+    now = whole @ H2 @ inverse
     floor = np.ix_((0, 1, 5), (0, 1, 5))
     return Pose(R, t, whole[floor], now[floor], agree, noise)
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-FIT_ROUNDS = 6
+FIT_ROUNDS = 4
 LONGEST_STEP = 10.0  # m, rad: a fit that goes further has gone astray
 LEAST_TRIPLES = 5
 SURE = 1e-3  # chance that no triple without a false match was drawn
@@ -143,7 +143,7 @@ def _fit(X, rays, pixels, R, t, M, p, lens, prior):
         if not size < LONGEST_STEP:
             return False, R, t
         R, t = stepped(R, t, step)
-        if size < 1e-4:
+        if size < 1e-3:
             break
     return True, R, t
 

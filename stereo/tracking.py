@@ -18,6 +18,8 @@ LEAST_DISPARITY = 0.5  # px: farther things do not tell their distance, only tha
 ROWS = 1.5  # px that the same point may differ in row
 ALIKE = 0.8  # correlation of a window that is found again
 COARSE = 0.5  # and at the coarser levels
+NEAR = 1  # the coarsest level needed when the guess is good to some pixels
+ENOUGH = 0.6  # of the points found: the guess was good
 DESCRIBED = 2  # the level whose windows tell points apart
 
 
@@ -51,7 +53,10 @@ class KeyFrame:
     def __init__(self, pyramids: Pyramids, view: View) -> None:
         self.pyramids = pyramids
         corners = find_corners(pyramids.left[0])
-        self._windows = [remember(image, corners / 2.0**k) for k, image in enumerate(pyramids.left)]
+        # Of each level: windows, gradients, inverses, usable.
+        self._windows: list[tuple[np.ndarray, ...]] = [
+            remember(image, corners / 2.0**k) for k, image in enumerate(pyramids.left)
+        ]
         right, found = self._in_right_image(pyramids, corners)
         self._windows = [tuple(part[found] for part in level) for level in self._windows]
         self.pixels = np.column_stack([corners, right])[found].astype(float)
@@ -87,14 +92,17 @@ class KeyFrame:
         Returns:
             pixels (n, 3), the right column NaN where it is not found, and found (n,) bool.
         """
-        expected = np.isfinite(guess).all(axis=1)
-        place = np.where(expected[:, None], guess[:, :2], -1e6)
-        likeness = self._place(pyramids.left, place, nearer, len(pyramids.left) - 1)
-        found = likeness > ALIKE
+        expected = np.isfinite(guess.sum(axis=1))
+        # Most guesses are good: only where they are not is looked for farther away.
+        for coarsest in (NEAR, LEVELS - 1):
+            place = np.where(expected[:, None], guess[:, :2], -1e6)
+            found = self._place(pyramids.left, place, nearer, coarsest) > ALIKE
+            if found.sum() > ENOUGH * len(self):
+                break
         right = place.copy()
         right[:, 0] -= np.maximum(np.where(expected, guess[:, 0] - guess[:, 2], 0.0), 0.0)
         right[~found] = -1e6
-        good = self._place(pyramids.right, right, nearer, 1) > ALIKE
+        good = self._place(pyramids.right, right, nearer, 0) > ALIKE
         good &= (np.abs(right[:, 1] - place[:, 1]) < ROWS) & (right[:, 0] < place[:, 0])
         column = np.where(good, right[:, 0], np.nan)
         return np.column_stack([place, column]), found
@@ -110,7 +118,8 @@ class KeyFrame:
         likeness = np.full(len(place), -1.0)
         for level in range(min(coarsest, len(images) - 1), -1, -1):
             scaled = place / 2.0**level
-            likeness = follow(images[level], *self._windows[level], nearer, scaled)
+            windows, gradients, inverses, usable = self._windows[level]
+            likeness = follow(images[level], windows, gradients, inverses, usable, nearer, scaled)
             moved = likeness > (COARSE if level else ALIKE)
             place[moved] = scaled[moved] * 2.0**level
         return likeness
