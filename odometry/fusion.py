@@ -9,6 +9,7 @@ Kirubarajan 2001, Sec. 5.4).
 
 from __future__ import annotations
 
+import itertools
 from collections import deque
 
 import numpy as np
@@ -69,17 +70,23 @@ class Agreement:
     def __init__(self) -> None:
         self._steps: deque[tuple[Motion, Motion]] = deque()
 
-    def step(self, a: Motion, b: Motion) -> bool:
-        """Whether they agree on this step and, with it, on the last second."""
+    def step(self, a: Motion, b: Motion) -> tuple[Motion, Motion] | None:
+        """None while they agree, on this step and, with it, on the last second.
+
+        Else the two motions that disagree, of the step or of the last second; what they told up
+        to here is then forgotten.
+        """
         self._steps.append((a, b))
         while self._steps[0][0].last < a.last - WINDOW:
             self._steps.popleft()
-        if disagreement(a, b) > GATE:
-            return False
-        sums = list(self._steps[0])
-        for step in list(self._steps)[1:]:
-            sums = [one.then(more) for one, more in zip(sums, step, strict=True)]
-        return disagreement(*sums) <= GATE
+        sums = self._steps[0]
+        for step in itertools.islice(self._steps, 1, None):
+            sums = (sums[0].then(step[0]), sums[1].then(step[1]))
+        for span in ((a, b), sums):
+            if disagreement(*span) > GATE:
+                self.forget()
+                return span
+        return None
 
     def forget(self) -> None:
         """Begin anew, after a step that only one of them knew."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from odometry.fusion import Agreement, fuse, without
+from odometry.fusion import WINDOW, Agreement, fuse, without
 from odometry.motion import Motion, compose, inverse
 from odometry.source import MotionSource
 from pipeline.visual_motion import VisualMotion
@@ -92,14 +92,14 @@ class FusedMotion:
             if wheels is not None or images is not None:
                 self._counts["wheels_alone" if images is None else "images_alone"] += 1
             return images if wheels is None else wheels
-        if self._agreement.step(wheels, images):
+        apart = self._agreement.step(wheels, images)
+        if apart is None:
             self._counts["fused"] += 1
             return fuse(wheels, images)
         if self._sure():
-            self._slipped(wheels, images)
+            self._slipped(*apart)
             self._counts["images_alone"] += 1
             return images
-        self._agreement.forget()
         self._counts["images_doubted"] += 1
         return wheels
 
@@ -114,7 +114,7 @@ class FusedMotion:
 
     def _slipped(self, wheels: Motion, images: Motion) -> None:
         error = compose(inverse(images.increment), wheels.increment)
-        if self.slips and self.slips[-1].last == wheels.first:
+        if self.slips and wheels.first - self.slips[-1].last < WINDOW:
             slip = self.slips[-1]
             slip.last, slip.error = wheels.last, slip.error + error
         else:

@@ -37,7 +37,8 @@ class Pyramids:
 
 
 def _pyramid(image: np.ndarray) -> tuple[np.ndarray, ...]:
-    levels = [np.ascontiguousarray(image)]
+    # Interpolation between pixels shifts what is finer than they are: that is smoothed away.
+    levels = [cv2.GaussianBlur(image, (3, 3), 0)]
     while len(levels) < LEVELS and min(levels[-1].shape) >= 2 * SMALLEST:
         levels.append(cv2.pyrDown(levels[-1]))
     return tuple(levels)
