@@ -14,12 +14,13 @@ from benchmarks import (
     stereo_columns,
     stereo_pictures,
     stereo_time,
+    visual,
 )
 
 TITLE = "# Benchmarks\n\nThis page is written by `make bench`, from the repository's root."
 
 stereo = (stereo_pictures, stereo_columns, stereo_time)
-sections = (end_to_end, accuracy, *stereo, logs, calibration, simulated)
+sections = (end_to_end, accuracy, *stereo, visual, logs, calibration, simulated)
 page = "\n\n".join([TITLE, *(section.main() for section in sections)]) + "\n"
 print(page)
 Path(sys.argv[1]).write_text(page, encoding="utf-8")

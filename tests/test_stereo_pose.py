@@ -10,7 +10,15 @@ import pytest
 from calibration.rig import Mount
 from odometry.motion import compose
 from stereo.pose import TOGETHER, Pose, View, find_pose
-from stereo.pose_kernels import misfits, normal_equations, stepped
+from stereo.pose_kernels import (
+    FIT_ROUNDS,
+    LEAST_TRIPLES,
+    SURE,
+    hypotheses,
+    misfits,
+    normal_equations,
+    stepped,
+)
 
 NOISE = 0.25  # px
 LENS = (492.8, 319.5, 239.5, 0.12)
@@ -151,6 +159,57 @@ def test_residuals_and_their_derivatives_are_those_of_the_projection():
     assert np.allclose(b, np.einsum("n,nik,nij,nj->k", weights, J, W, r), rtol=1e-5, atol=1e-6)
     WW = W @ W
     assert np.allclose(H2, np.einsum("n,nik,nij,njl->kl", weights**2, J, WW, J), rtol=1e-5)
+
+
+def best_of(X, rays, pixels, triples, R, t, place, prior, gate, head_start):
+    """`hypotheses` in plain numpy, over the kernels tested above."""
+
+    def scored(R1, t1):
+        squared = misfits(X, rays, pixels, R1, t1, *place)
+        return np.maximum(gate - squared, 0.0).sum(), np.mean(squared < gate)
+
+    best, best_pose, needed = head_start * scored(R, t)[0], (R, t), len(triples)
+    for k, three in enumerate(triples):
+        if k >= needed:
+            break
+        if len(set(three.tolist())) < 3:
+            continue
+        R1, t1 = R, t
+        for _ in range(FIT_ROUNDS):
+            points = (X[three], rays[three], pixels[three])
+            H, b, _ = normal_equations(*points, np.ones(3), R1, t1, *place)
+            b += prior * (0.0, 0.0, t1[2], R1[2, 1], -R1[2, 0], 0.0)
+            step = -np.linalg.solve(H + np.diag(prior + 1e-9), b)
+            R1, t1 = stepped(R1, t1, step)
+            if np.linalg.norm(step) < 1e-3:
+                break
+        score, share = scored(R1, t1)
+        if score > best:
+            best, best_pose = score, (R1, t1)
+            if share < 1.0:
+                needed = min(needed, LEAST_TRIPLES + int(np.log(SURE) / np.log(1 - share**3)))
+    return best_pose
+
+
+@pytest.mark.parametrize("head_start", [1.0, 20.0])
+def test_the_best_of_many_hypotheses_is_found(head_start):
+    rng = np.random.default_rng(6)
+    camera = view(TILTED)
+    true = scene(rng, camera)
+    X, rays = camera.points(true)
+    motion = solid((0.1, 0.02, 0.1))
+    pixels = camera.project(X, *motion)[:, :3] + 0.2 * rng.standard_normal(true.shape)
+    pixels[:60] = scene(rng, camera)[:60]
+    triples = rng.integers(len(X), size=(40, 3))
+    place = (camera.rotation, camera.position, camera.lens)
+    prior = np.array([0.0, 0.0, 9.0, 30.0, 30.0, 0.0])
+    guess = solid((0.1, 0.018, 0.099))
+    arguments = (X, rays, pixels, triples, *guess)
+    R, t = hypotheses(*arguments, *place, prior, 9.0, head_start)
+    R2, t2 = best_of(*arguments, place, prior, 9.0, head_start)
+    assert np.allclose(R, R2, atol=1e-9)
+    assert np.allclose(t, t2, atol=1e-9)
+    assert (head_start > 1.0) == np.array_equal(R, guess[0])
 
 
 def test_steps_turn_from_the_right():
