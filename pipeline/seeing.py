@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 from odometry.motion import Motion
 from odometry.source import MotionSource
@@ -28,6 +29,8 @@ class LoadedPair:
     """A pair in memory, or the reason why there is none."""
 
     stamp: int
+    left: Path
+    right: Path
     pair: StereoPair | None
     damage: str = ""
 
@@ -50,9 +53,9 @@ def moved(
     def look(pair: Pair) -> tuple[LoadedPair, Pyramids | None]:
         try:
             loaded = pair.load()
-            return LoadedPair(pair.stamp, loaded), motion.prepare(loaded)
+            return LoadedPair(pair.stamp, pair.left, pair.right, loaded), motion.prepare(loaded)
         except (DamagedFrameError, StereoError) as error:
-            return LoadedPair(pair.stamp, None, str(error)), None
+            return LoadedPair(pair.stamp, pair.left, pair.right, None, str(error)), None
 
     for _, (loaded, pyramids) in ahead(pairs, look, threads):
         yield loaded, motion.step(loaded.stamp, pyramids)

@@ -39,6 +39,16 @@ class Pair(Protocol):
         """Of the left image [ns]."""
         ...
 
+    @property
+    def left(self) -> Path:
+        """Where the left image comes from."""
+        ...
+
+    @property
+    def right(self) -> Path:
+        """Where the right image comes from."""
+        ...
+
     def load(self) -> StereoPair:
         """Both images. Raises DamagedFrameError: they cannot be read."""
         ...
