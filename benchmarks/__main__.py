@@ -20,6 +20,7 @@ from benchmarks import (
     stereo_rows,
     stereo_time,
     stereo_walls,
+    visual,
 )
 
 TITLE = "# Benchmarks\n\nThis page is written by `make bench`, from the repository's root."
@@ -35,7 +36,7 @@ stereo = (
     stereo_model,
     stereo_end_to_end,
 )
-sections = (end_to_end, accuracy, *stereo, logs, calibration, simulated)
+sections = (end_to_end, accuracy, *stereo, visual, logs, calibration, simulated)
 page = "\n\n".join([TITLE, *(section.main() for section in sections)]) + "\n"
 print(page)
 Path(sys.argv[1]).write_text(page, encoding="utf-8")

@@ -52,10 +52,13 @@ WORTH_TELLING = np.array([0.01, 0.01, math.radians(0.1)])
 OUTLIER = 4.0  # robust standard deviations
 
 
-def health_lines(mapper: HierarchicalMapper, sight: str, encoders: bool) -> list[str]:
+def health_lines(
+    mapper: HierarchicalMapper, sight: str, encoders: bool, images: bool = False
+) -> list[str]:
     """The lines of a finished run.
 
-    sight: "columns" of a camera or "beams" of a laser; encoders: the odometry is ours to calibrate.
+    sight: "columns" of a camera or "beams" of a laser; encoders: the odometry is ours to
+    calibrate; images: it comes from the images, or from both.
     """
     steps = mapper.filter.health
     if not steps:
@@ -65,7 +68,7 @@ def health_lines(mapper: HierarchicalMapper, sight: str, encoders: bool) -> list
         particles_line(steps, mapper.settings.particles),
         matching_line(steps),
         answers_line(steps, sight),
-        *odometry_lines(errors, encoders),
+        *odometry_lines(errors, encoders, images),
     ]
 
 
@@ -208,7 +211,9 @@ def _inliers(A: np.ndarray, b: np.ndarray) -> np.ndarray:
     return off <= OUTLIER * scale + 1e-9
 
 
-def odometry_lines(errors: OdometryErrors | None, encoders: bool) -> list[str]:
+def odometry_lines(
+    errors: OdometryErrors | None, encoders: bool, images: bool = False
+) -> list[str]:
     """What odometry does wrong, and its remedy; nothing where nothing is certain."""
     if errors is None or not errors.significant.any():
         return []
@@ -234,7 +239,9 @@ def odometry_lines(errors: OdometryErrors | None, encoders: bool) -> list[str]:
             f"{math.degrees(t_error):.2f} deg a metre where the robot does not"
         )
         lines.append(line + (f": {larger}_radius of the encoders is too large" if encoders else ""))
-    if not encoders:
+    if images:
+        lines[-1] += ": calibrate the cameras, or doubt them more (visual.along, visual.heading)"
+    elif not encoders:
         lines[-1] += ": calibrate the robot's odometry, or doubt it more (odometry.heading, .along)"
     return lines
 

@@ -15,11 +15,12 @@ from calibration.rig import StereoRig
 from mapping.gate import ObservationGate
 from mapping.mapper import HierarchicalMapper
 from odometry.motion import Motion
-from odometry.source import MotionSource
 from pipeline.errors import InputError
 from pipeline.frontend import UNREADABLE, Observation, ahead, observe
 from pipeline.health import REMEDIES
-from pipeline.recordings.base import DamagedFrameError, PairFiles, Recording, image_size
+from pipeline.motion_told import told
+from pipeline.recordings.base import DamagedFrameError, Pair, Recording, image_size
+from pipeline.seeing import AnyMotion, LoadedPair, moved
 from pipeline.settings import Settings
 from stereo.errors import StereoError
 from stereo.pair_check import check_pair
@@ -52,7 +53,7 @@ class MapRun:
     """All that a run found out; `pipeline.results` writes it down.
 
     unit: what the input consists of; key_frames: None where there are no images; brightness: of
-    each observation, the left image over the right one.
+    each observation, the left image over the right one; told: what the motion's source has to say.
     """
 
     mapper: HierarchicalMapper
@@ -62,6 +63,7 @@ class MapRun:
     skipped: dict[str, list[str]] = field(default_factory=dict)
     brightness: list[float] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=lambda: defaultdict(float))
+    told: list[str] = field(default_factory=list)
     partial: bool = False
 
     @property
@@ -89,18 +91,18 @@ class MapRun:
 
 @dataclass(frozen=True)
 class Step:
-    """One pair on its way: where it lies, how the robot came there, what is wanted of it."""
+    """One pair on its way: how the robot came there, and what is wanted of it."""
 
-    files: PairFiles
+    pair: Pair
     motion: Motion | None
-    due: bool
-    key_frame: bool
+    due: bool = False
+    key_frame: bool = False
 
 
 def map_recording(
     recording: Recording,
     rig: StereoRig,
-    motion: MotionSource,
+    motion: AnyMotion,
     settings: Settings,
     seed: int = 0,
     threads: int = 1,
@@ -124,39 +126,42 @@ def map_recording(
     run = MapRun(mapper)
 
     def work(step: Step) -> Observation | None:
-        return observe(step.files, ranger, step.key_frame) if step.due else None
+        return observe(step.pair, ranger, step.key_frame) if step.due else None
 
     total = len(recording.pairs)
-    steps = _steps(recording, motion, mapper.gate)
+    steps = _steps(moved(recording.pairs, motion, threads), mapper.gate)
     for step, seen in run.each(ahead(steps, work, threads), total, progress, interrupted):
         _take(step, seen, run)
     if not run.counts["observations"] and not run.partial:
         raise InputError(f"{recording.path}: none of {total} pairs could be used: {_why(run)}")
     mapper.finish()
+    run.told = told(motion, recording.pairs[0].stamp)
     return run
 
 
-def _steps(recording: Recording, motion: MotionSource, gate: ObservationGate) -> Iterator[Step]:
-    """Motion is known before the images are looked at: only due pairs are read at all."""
+def _steps(pairs: Iterable[tuple[Pair, Motion | None]], gate: ObservationGate) -> Iterator[Step]:
+    """Motion is known before a pair is matched, and mostly before it is read: due pairs only."""
     key_gate = ObservationGate(*KEY_FRAME_SPACING)
     since = Motion.none(0)
-    for files in recording.pairs:
-        moved = motion.until(files.stamp)
-        if moved is None:
-            yield Step(files, None, False, False)
+    for pair, motion in pairs:
+        if motion is None:
+            yield Step(pair, None)
             continue
-        due = gate.step(moved.increment)
-        since = since.then(moved)
+        due = gate.step(motion.increment)
+        since = since.then(motion)
         key_frame = due and key_gate.step(since.increment)
         if due:
-            since = Motion.none(files.stamp)
-        yield Step(files, moved, due, key_frame)
+            since = Motion.none(pair.stamp)
+        yield Step(pair, motion, due, key_frame)
 
 
 def _take(step: Step, seen: Observation | None, run: MapRun) -> None:
+    if step.motion is None and isinstance(step.pair, LoadedPair) and step.pair.damage:
+        _skip(run, UNREADABLE, step.pair.damage)
+        return
     if step.motion is None:
         run.counts["pairs without motion"] += 1
-        run.skipped.setdefault("pair without motion", []).append(str(step.files.stamp))
+        run.skipped.setdefault("pair without motion", []).append(str(step.pair.stamp))
         return
     run.mapper.move(step.motion)
     run.counts["pairs used"] += 1
@@ -165,14 +170,18 @@ def _take(step: Step, seen: Observation | None, run: MapRun) -> None:
     run.seconds["reading"] += seen.seconds_reading
     run.seconds["stereo"] += seen.seconds_stereo
     if seen.scan is None:
-        run.counts[f"{UNREADABLE}s" if seen.kind == UNREADABLE else "useless pairs"] += 1
-        run.skipped.setdefault(seen.kind, []).append(seen.damage)
+        _skip(run, seen.kind, seen.damage)
         return
     run.brightness.append(seen.brightness)
     run.counts["observations"] += 1
     run.mapper.observe(seen.scan)
     if run.key_frames is not None and seen.points is not None and seen.colours is not None:
         run.key_frames.append(KeyFrame(len(run.mapper.stamps) - 1, seen.points, seen.colours))
+
+
+def _skip(run: MapRun, kind: str, damage: str) -> None:
+    run.counts[f"{UNREADABLE}s" if kind == UNREADABLE else "useless pairs"] += 1
+    run.skipped.setdefault(kind, []).append(damage)
 
 
 def _why(run: MapRun) -> str:

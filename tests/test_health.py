@@ -157,6 +157,7 @@ def test_what_is_wrong_comes_with_its_remedy():
     assert "right_radius of the encoders is too large" in drift
     *others, last = odometry_lines(errors, encoders=False)
     assert not any("encoders" in line for line in (*others, last))
+    assert "calibrate the cameras" in odometry_lines(errors, encoders=False, images=True)[-1]
     assert "calibrate the robot's odometry" in last
 
 

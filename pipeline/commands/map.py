@@ -29,7 +29,8 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--motion",
-    help="encoders (the default), poses (the recording's own) or poses:FILE.tum",
+    help="encoders, visual (from the images), fused (both), poses (the recording's own) or "
+    "poses:FILE.tum; default: encoders where there are any, else visual",
 )
 @click.option(
     "--method",
@@ -130,7 +131,7 @@ def _prepare(
         settings = load_settings(settings_file, overrides, opened.fitting)
         return log_job(opened, settings, seed), settings
     settings = load_settings(settings_file, overrides)
-    return recording_job(opened, rig, motion or "encoders", settings, seed, threads), settings
+    return recording_job(opened, rig, motion, settings, seed, threads), settings
 
 
 def _run(job: Job, quiet: bool, open3d: _Open3DLoading) -> MapRun:

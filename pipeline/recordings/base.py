@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -29,6 +29,29 @@ IMAGE_ENDINGS = {".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".tif", ".tiff
 
 class DamagedFrameError(ValueError):
     """An image that cannot be read; the pair is skipped, counted and named."""
+
+
+class Pair(Protocol):
+    """A pair that can be had: from files, from a camera, or decoded already."""
+
+    @property
+    def stamp(self) -> int:
+        """Of the left image [ns]."""
+        ...
+
+    @property
+    def left(self) -> Path:
+        """Where the left image comes from."""
+        ...
+
+    @property
+    def right(self) -> Path:
+        """Where the right image comes from."""
+        ...
+
+    def load(self) -> StereoPair:
+        """Both images. Raises DamagedFrameError: they cannot be read."""
+        ...
 
 
 @dataclass(frozen=True)
