@@ -39,9 +39,9 @@ STEP = 1.1
 TINY = 1e-9
 # Variance of a disparity in units of noise^2: what is always there, what a match by AT_MARGIN
 # over its rival adds, and what AT_SUPPORT pixels do. Fitted to the rendered recordings.
-ALWAYS, AT_MARGIN, AT_SUPPORT = 0.16, 0.52, 144.0
+ALWAYS, AT_MARGIN, AT_SUPPORT = 0.04, 0.2, 160.0
 # Disagreement with the neighbouring columns counts so many times: it is seen less than it is.
-ROUGHNESS = 1.8
+ROUGHNESS = 3.0
 
 
 @dataclass(frozen=True)
