@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from odometry.errors import OdometryError
 
@@ -85,9 +84,8 @@ def unwrap_counts(raw: np.ndarray, counter_bits: int) -> np.ndarray:
     return np.concatenate([raw[:1], raw[:1] + np.cumsum(steps)])
 
 
-def within_counter(raw: ArrayLike, counter_bits: int) -> np.ndarray:
-    """Which readings a counter of that width can show, be it signed or unsigned."""
-    raw = np.asarray(raw, np.int64)
+def within_counter(raw, counter_bits: int):
+    """Which reading(s) a counter of that width can show, be it signed or unsigned."""
     return (raw >= -(1 << (counter_bits - 1))) & (raw < 1 << counter_bits)
 
 
