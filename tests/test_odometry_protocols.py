@@ -75,7 +75,8 @@ def test_fields_metres_and_milliseconds():
     ]
     scaled = make_protocol(EncoderDevice("p", units="metres", counts_per_unit=1000.0), WHEELS)
     assert scaled.feed(b"5,0.25,.5\n") == [Sample(250, 500, 5)]
-    assert scaled.feed(b"5,nan,1e99\n0.1\n") == []
+    assert scaled.feed(b"5,0,1e99\n0.1\n--1,2\n") == []
+    assert scaled.counts["garbled"] == 3
 
 
 def test_arduino_bridge_answers_and_refuses():
