@@ -63,7 +63,8 @@ def umbmark(cw: np.ndarray, ccw: np.ndarray, side: float, track: float) -> UmbMa
     way = np.concatenate([-np.ones(len(cw)), np.ones(len(ccw))])
 
     def misses(values: np.ndarray) -> np.ndarray:
-        predicted = {sign: square_end(*values, side, track, sign)[:2] for sign in (-1.0, 1.0)}
+        E_d, E_b = values.tolist()
+        predicted = {sign: square_end(E_d, E_b, side, track, sign)[:2] for sign in (-1.0, 1.0)}
         return (ends - np.array([predicted[sign] for sign in way.tolist()])).ravel()
 
     values = np.ones(2)
@@ -73,7 +74,7 @@ def umbmark(cw: np.ndarray, ccw: np.ndarray, side: float, track: float) -> UmbMa
         for i, step in enumerate(DELTA * np.eye(2)):
             J[:, i] = (misses(values + step) - misses(values - step)) / (2.0 * DELTA)
         values = values - np.clip(np.linalg.lstsq(J, r, rcond=None)[0], -0.05, 0.05)
-        if not (0.5 < values).all() or not (values < 2.0).all():
+        if (np.abs(values - 1.0) > 0.5).any():
             raise OdometryError(
                 "the ends fit no wheels: check their signs (x ahead, y left of the start, in "
                 "metres) and the side of the square"
@@ -88,7 +89,7 @@ def umbmark(cw: np.ndarray, ccw: np.ndarray, side: float, track: float) -> UmbMa
     return UmbMark(float(values[0]), float(values[1]), sigma, worst, rest)
 
 
-def square_end(E_d: float, E_b: float, side: float, track: float, way: float) -> np.ndarray:  # noqa: N803
+def square_end(E_d: float, E_b: float, side: float, track: float, way: float) -> np.ndarray:
     """Pose (3,) after a square that odometry believes to be perfect.
 
     way: +1 to the left (counter-clockwise), -1 to the right.

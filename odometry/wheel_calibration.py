@@ -142,9 +142,7 @@ def _residuals(values: np.ndarray, stretches: Stretches) -> np.ndarray:
     return off
 
 
-def _expected(
-    values: np.ndarray, stretches: Stretches, settings: OdometrySettings
-) -> np.ndarray:
+def _expected(values: np.ndarray, stretches: Stretches, settings: OdometrySettings) -> np.ndarray:
     """Covariances (k, 3, 3) of the residuals: the sensor's and the wheels'."""
     motion = _robot_motion(stretches.wheels, values[:2] / values[2]) * [values[2], values[2], 1.0]
     doubt = step_covariances(motion, settings)
