@@ -15,6 +15,7 @@ COMMANDS = {
     "calibrate": ("calibrate:calibrate", "Calibrate a new camera pair."),
     "odometry": ("odometry:odometry", "Read, calibrate and check wheel encoders."),
     "rig": ("rig:rig", "Show, check and convert a rig file."),
+    "stereo": ("stereo:stereo", "See what stereo makes of images; measure its sensor model."),
     "simulate": ("simulate:simulate", "Make recordings and scan logs with known truth."),
     "evaluate": ("evaluate:evaluate", "Compare a path or a map with the truth."),
     "experiment": ("experiment:experiment", "Run the paper's experiments, with many seeds."),

@@ -1,127 +1,136 @@
-"""Nearest obstacle per column: disparity -> range in every bearing (paper Sec. II-A).
+"""Nearest obstacle per column: disparity -> range in every bearing, with its doubt (Sec. II-A).
 
-The nearest pixel of a column is often a false match. An obstacle therefore needs `support`:
-that many pixels of the column and its two neighbours, within the height band, that agree to
-about a pixel of disparity. Support 1 is the paper's plain nearest depth.
+    gather the pixels of the height band by bearing and disparity
+    nearest disparity for which the image itself shows evidence
+    drop what repeats or is blank: another disparity would match as well
+    trim what block matching fattens; drop what no neighbour confirms
+    sigma: from how much agrees, how distinctly, how roughly; through the geometry
+
+The nearest pixel of a column is often a false match. Support 1 is the paper's plain nearest depth.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
+import cv2
 import numpy as np
-from numba import njit
 
-from stereo.disparity import SUBPIXEL
+from stereo.column_kernels import confirm, gather, nearest_standing, trim_outlines
+from stereo.distinctness import margins
+from stereo.image_noise import gradient_noise
 from stereo.rectify import RectifiedCamera
 from stereo.settings import StereoSettings
+
+# An obstacle so high [m] must be seen; of its pixels in three columns, this share.
+LEAST_HEIGHT = 0.03
+LEAST_SHARE = 0.6
+# So many times that, filled in across a blank surface before a sure one: something may stand there.
+VETO = 2.0
+# Disparities within this share of each other (at least 1 px) may be of one surface.
+ONE_SURFACE = 0.1
+# The best rival must cost so many times as much as the match.
+DISTINCT = 1.12
+# The outline of a surface is sought in its last so many columns: block and support fatten by 3.
+OUTLINE = 4
+# Ranges differing by more than this factor belong to different surfaces.
+STEP = 1.1
+TINY = 1e-9
+# Variance of a disparity in units of noise^2: what is always there, what a match by AT_MARGIN
+# over its rival adds, and what AT_SUPPORT pixels do. Fitted to the rendered recordings.
+ALWAYS, AT_MARGIN, AT_SUPPORT = 0.16, 0.52, 144.0
+# Disagreement with the neighbouring columns counts so many times: it is seen less than it is.
+ROUGHNESS = 1.8
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Of each image column, left to right, (W,) each: range and sigma [m] as in a `RangeScan`,
+    support: the pixels in three columns that agree on it."""
+
+    range: np.ndarray
+    sigma: np.ndarray
+    support: np.ndarray
 
 
 def nearest_per_column(
     disparity: np.ndarray,
+    images: tuple[np.ndarray, np.ndarray],
+    seen: np.ndarray,
     camera: RectifiedCamera,
     settings: StereoSettings,
     disparities: int,
     max_range: float,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Range and sigma (W,) [m] of the nearest obstacle in each image column, left to right.
+) -> Columns:
+    """The nearest obstacle in each image column.
 
-    disparity: (H, W) int16, sixteenths of a pixel, negative = no match. Ranges are horizontal
-    distances from the camera; NaN where too few pixels answer, +inf where those that answer
-    all lie beyond `max_range`.
+    disparity: (H, W) int16, sixteenths of a pixel, negative = no match; images: (H, W) uint8, the
+    rectified pair; seen: see `Rectifier.seen`. Ranges are horizontal distances from the camera;
+    NaN where too little answers, a blank surface may stand before what does, or another range
+    would match as well; +inf where what answers lies beyond `max_range`.
     """
-    yaw = camera.yaw
-    to_sensor = np.array(
-        [[math.cos(yaw), math.sin(yaw), 0.0], [-math.sin(yaw), math.cos(yaw), 0.0], [0.0, 0.0, 1.0]]
-    )
-    count, nearness = _column_histogram(
+    left, right = (cv2.Sobel(image, cv2.CV_16S, 1, 0, ksize=3) for image in images)
+    *gathered, closest = gather(
         disparity,
-        to_sensor @ camera.rotation,
-        np.array([camera.f, camera.cx, camera.cy, camera.baseline]),
+        left,
+        seen,
+        _to_sensor(camera) @ camera.rotation,
+        np.array([camera.f, camera.f_rows, camera.cx, camera.cy, camera.baseline]),
         float(camera.position[2]),
-        np.array(
-            [
-                settings.height_min,
-                settings.height_max,
-                math.tan(math.radians(settings.tilt_sigma)),
-                settings.noise,
-            ]
-        ),
-        disparities,
+        _band(settings),
+        settings.texture * gradient_noise(left),
+        disparities + 1,
     )
-    return _nearest_supported(
-        count,
-        nearness,
-        np.array([camera.f, camera.cx, camera.baseline]),
-        settings.support,
-        settings.noise,
-        max_range,
-    )
+    secant = np.hypot(1.0, (np.arange(camera.width) - camera.cx) / camera.f)
+    factor = camera.depth_factor * secant  # disparity = factor / range
+    if settings.support == 1:
+        ranges = np.where(closest > 0.0, 1.0 / np.maximum(closest, TINY), np.nan)
+        return _columns(ranges, settings.noise, np.ones(camera.width, int), factor, max_range)
+
+    needed = _needed(camera, settings, disparities)
+    ranges, support, outline = nearest_standing(*gathered, needed, VETO, ONE_SURFACE)
+    margin = margins(disparity, left, right, factor / ranges, disparities)
+    ranges[~(margin >= DISTINCT)] = np.nan
+    ranges[ranges > max_range] = np.inf
+    ranges = trim_outlines(ranges, outline, OUTLINE, STEP)
+    ranges, roughness = confirm(ranges, factor, ONE_SURFACE)
+    noise = np.hypot(settings.noise * _inflation(margin, support), ROUGHNESS * roughness)
+    return _columns(ranges, noise, support, factor, max_range)
 
 
-@njit(cache=True, nogil=True)
-def _column_histogram(disparity, rotation, intrinsics, height, band, disparities):
-    """Pixels in the height band: their number and summed 1/range per (column, disparity)."""
-    f, cx, cy, baseline = intrinsics
-    low, high, tilt, noise = band
-    # Floor seen through a tilt or a disparity error must not become an obstacle: both raise it
-    # in proportion to the depth.
-    doubt = 3.0 * math.hypot(tilt, height * noise / (f * baseline))
-    rows, columns = disparity.shape
-    count = np.zeros((columns, disparities + 1), np.int32)
-    nearness = np.zeros((columns, disparities + 1), np.float64)
-    for v in range(rows):
-        y = (v - cy) / f
-        ahead, left, above = (
-            rotation[0, 1] * y + rotation[0, 2],
-            rotation[1, 1] * y + rotation[1, 2],
-            rotation[2, 1] * y + rotation[2, 2],
-        )
-        for u in range(columns):
-            raw = disparity[v, u]
-            if raw <= 0:
-                continue
-            x = (u - cx) / f
-            Z = SUBPIXEL * f * baseline / raw
-            up = height + Z * (rotation[2, 0] * x + above)
-            if up < low or up > high or up < doubt * Z:
-                continue
-            X, Y = Z * (rotation[0, 0] * x + ahead), Z * (rotation[1, 0] * x + left)
-            if X <= 0.0:
-                continue
-            column = round(cx - f * Y / X)
-            if 0 <= column < columns:
-                bin_ = min(round(raw / SUBPIXEL), disparities)
-                count[column, bin_] += 1
-                nearness[column, bin_] += 1.0 / math.sqrt(X * X + Y * Y)
-    return count, nearness
+def _columns(
+    ranges: np.ndarray,
+    noise: np.ndarray | float,
+    support: np.ndarray,
+    factor: np.ndarray,
+    max_range: float,
+) -> Columns:
+    """Free beyond `max_range`; sigma of the ranges from the noise of their disparities [px]."""
+    ranges = np.where(ranges > max_range, np.inf, ranges)
+    sigma = np.where(np.isfinite(ranges), ranges**2 * noise / factor, np.nan)
+    return Columns(ranges, sigma, np.where(np.isnan(ranges), 0, support))
 
 
-@njit(cache=True, nogil=True)
-def _nearest_supported(count, nearness, intrinsics, support, noise, max_range):
-    """The nearest disparity with enough support in each column, as range and sigma."""
-    f, cx, baseline = intrinsics
-    columns, bins = count.shape
-    ranges = np.full(columns, np.nan)
-    sigmas = np.full(columns, np.nan)
-    for u in range(columns):
-        first, last = max(u - 1, 0), min(u + 1, columns - 1)
-        secant = math.hypot(1.0, (u - cx) / f)
-        for d in range(bins - 1, 0, -1):
-            if count[u, d] == 0:
-                continue
-            pixels, total = 0, 0.0
-            for i in range(first, last + 1):
-                for j in range(max(d - 1, 0), d + 1):
-                    pixels += count[i, j]
-                    total += nearness[i, j]
-            if pixels < support:
-                continue
-            r = pixels / total
-            if r > max_range:
-                ranges[u] = np.inf
-            else:
-                ranges[u] = r
-                sigmas[u] = r * r * noise / (f * baseline * secant)
-            break
-    return ranges, sigmas
+def _to_sensor(camera: RectifiedCamera) -> np.ndarray:
+    """Rotation (3, 3) from the robot's frame to the level one that looks along the camera."""
+    c, s = math.cos(camera.yaw), math.sin(camera.yaw)
+    return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _band(settings: StereoSettings) -> np.ndarray:
+    """Lowest and highest height [m], tangent of the tilt's doubt, noise [px]."""
+    tilt = math.tan(math.radians(settings.tilt_sigma))
+    return np.array([settings.height_min, settings.height_max, tilt, settings.noise])
+
+
+def _needed(camera: RectifiedCamera, settings: StereoSettings, disparities: int) -> np.ndarray:
+    """(disparities + 1,) pixels that an obstacle must show in three columns, by disparity."""
+    rows = LEAST_HEIGHT * camera.f_rows * np.arange(disparities + 1) / camera.depth_factor
+    return np.maximum(3 * LEAST_SHARE * rows, settings.support)
+
+
+def _inflation(margin: np.ndarray, support: np.ndarray) -> np.ndarray:
+    """(W,) standard deviation of the disparities in units of `noise`."""
+    distinct = AT_MARGIN / np.maximum(margin - 1.0, DISTINCT - 1.0)
+    return np.sqrt(ALWAYS + distinct**2 + (AT_SUPPORT / np.maximum(support, 1)) ** 2)

@@ -1,0 +1,25 @@
+"""Noise of an image's gradients, measured where the image shows the least."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+BLOCK = 8  # px
+# Of the blocks, this share is taken to show nothing but noise.
+SMOOTHEST = 0.03
+# Half a grey level in Sobel's operator, which sums four differences over two pixels.
+LEAST = 2.0
+
+
+def gradient_noise(gradients: np.ndarray) -> float:
+    """Root mean square of the gradients (H, W) int16 in the smoothest blocks of an image.
+
+    Never below LEAST: compression leaves blocks without any noise.
+    """
+    rows, columns = (n // BLOCK for n in gradients.shape)
+    if not rows * columns:
+        return LEAST
+    squares = np.square(gradients[: rows * BLOCK, : columns * BLOCK].astype(np.float32))
+    means = cv2.resize(squares, (columns, rows), interpolation=cv2.INTER_AREA)
+    return max(LEAST, float(np.sqrt(np.quantile(means, SMOOTHEST))))
