@@ -37,10 +37,11 @@ def gather(disparity, gradients, seen, rotation, intrinsics, height, band, noise
     sensor frame; intrinsics f, f_rows, cx, cy, baseline; height of the camera [m]; band lowest,
     highest [m], tangent of the tilt's doubt, noise of a disparity [px].
 
-    Returns filled (W, bins) int32, the number of pixels; evidence (W, bins), by how much their
-    squared gradients exceed the noise, in units of its square; weights and nearness (W, bins),
-    the sums of those squares and of squares over range; energy (W, bins), of squares without
-    bound; closest (W,), the greatest 1/range of any pixel.
+    Returns what `nearest_standing` takes, (filled, evidence, weights, nearness, energy), and
+    closest. filled (W, bins) int32: the number of pixels; evidence (W, bins): by how much their
+    squared gradients exceed the noise, in units of its square; weights and nearness (W, bins):
+    the sums of those squares and of squares over range; energy (W, bins): of squares without
+    bound; closest (W,): the greatest 1/range of any pixel.
     """
     f, f_rows, cx, cy, baseline = intrinsics
     low, high, tilt, doubt_of_match = band
@@ -90,7 +91,7 @@ def gather(disparity, gradients, seen, rotation, intrinsics, height, band, noise
             weights[column, bin_] += weight
             nearness[column, bin_] += weight * near
             energy[column, bin_] += square
-    return filled, evidence, weights, nearness, energy, closest
+    return (filled, evidence, weights, nearness, energy), closest
 
 
 @njit(cache=True, nogil=True)

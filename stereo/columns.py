@@ -71,7 +71,7 @@ def nearest_per_column(
     would match as well; +inf where what answers lies beyond `max_range`.
     """
     left, right = (cv2.Sobel(image, cv2.CV_16S, 1, 0, ksize=3) for image in images)
-    *gathered, closest = gather(
+    gathered, closest = gather(
         disparity,
         left,
         seen,
@@ -79,7 +79,7 @@ def nearest_per_column(
         np.array([camera.f, camera.f_rows, camera.cx, camera.cy, camera.baseline]),
         float(camera.position[2]),
         _band(settings),
-        settings.texture * gradient_noise(left),
+        settings.texture * gradient_noise(left, seen[0], seen[1]),
         disparities + 1,
     )
     secant = np.hypot(1.0, (np.arange(camera.width) - camera.cx) / camera.f)
