@@ -56,7 +56,8 @@ def main() -> str:
             f"{len(SEEDS)} seeds of the wheels on the same images; default settings. ATE: RMSE "
             "after SE(2) alignment; lost: worse than 1 m; F1 of obstacle cells within one cell, "
             "mean, against what perfect sensors would see, the map placed by its path; wall: "
-            "time of a run, mean. Asked for: hierarchical at most 0.10 m on office and clutter, F1 at least 0.7, no run lost.",
+            "time of a run, mean. Asked for: hierarchical at most 0.10 m on office and clutter, F1 "
+            "at least 0.7, no run lost.",
         ]
     )
 

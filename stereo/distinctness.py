@@ -22,7 +22,8 @@ OWN = 2
 
 @njit(cache=True, nogil=True)
 def margins(disparity, left, right, winner, bins):
-    """(W,) least cost of any rival over that of the winner; NaN where nothing can be compared.
+    """(W,) least cost of any rival over that of the winner, on the side where it is greatest (the
+    left of a column, its right, both); NaN where nothing can be compared.
 
     disparity (H, W) int16 sixteenths; left, right (H, W) int16 gradients across both images;
     winner (W,) disparity of each column [px], NaN where there is none. One column of each GROUP
@@ -63,7 +64,7 @@ def margins(disparity, left, right, winner, bins):
             costs[1, d] = after / (last - u - 1) if last - u > LEAST else np.inf
             costs[2, d] = (before + after) / (last - start)
         # Beside an outline, the window on one side shows another surface.
-        best = 0.0
+        best = -1.0
         for side in range(3):
             own = rival = np.inf
             for d in range(limit):
@@ -73,5 +74,6 @@ def margins(disparity, left, right, winner, bins):
                     rival = min(rival, costs[side, d])
             if own < np.inf and rival < np.inf:
                 best = max(best, rival / max(own, 1.0))
-        margin[begin:end] = best
+        if best >= 0.0:
+            margin[begin:end] = best
     return margin
