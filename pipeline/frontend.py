@@ -11,7 +11,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from pipeline.recordings.base import DamagedFrameError, PairFiles
+from pipeline.recordings.base import DamagedFrameError, Pair
 from stereo.errors import StereoError
 from stereo.ranger import StereoRanger
 from stereo.scan import RangeScan
@@ -35,7 +35,7 @@ class Observation:
     seconds_stereo: float = 0.0
 
 
-def observe(files: PairFiles, ranger: StereoRanger, key_frame: bool) -> Observation:
+def observe(files: Pair, ranger: StereoRanger, key_frame: bool) -> Observation:
     """Read and range one pair; a damaged one becomes a reason, never an exception."""
     start = time.perf_counter()
     try:

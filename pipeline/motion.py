@@ -10,7 +10,7 @@ from odometry.poses import PoseOdometry
 from odometry.settings import OdometrySettings
 from odometry.source import EncoderOdometry, MotionSource
 from pipeline.errors import InputError
-from pipeline.recordings.base import Recording
+from pipeline.recordings.base import BROKEN_TICKS, Recording
 from pipeline.trajectory import read_tum
 
 
@@ -40,11 +40,14 @@ def choose_motion(
 
 def _encoders(recording: Recording, rig: StereoRig, settings: OdometrySettings) -> EncoderOdometry:
     if recording.ticks is None:
+        if broken := recording.skipped.get(BROKEN_TICKS):
+            raise InputError("; ".join(broken))
         instead = "--motion poses" if recording.poses is not None else "--motion poses:FILE.tum"
         raise InputError(f"{recording.path}: holds no wheel ticks (odom0/data.csv): give {instead}")
     parameters = recording.encoders
     if "encoders" in rig.sections:
         parameters = encoder_parameters(rig.sections["encoders"], "rig: encoders")
     if parameters is None:
-        raise InputError(f"{recording.path}: wheel ticks without odom0/sensor.yaml")
+        broken = "; ".join(recording.skipped.get(BROKEN_TICKS, []))
+        raise InputError(broken or f"{recording.path}: wheel ticks without odom0/sensor.yaml")
     return EncoderOdometry(recording.ticks, parameters, settings)

@@ -9,7 +9,7 @@ from pathlib import Path
 from calibration.exchange.formats import KINDS, read_rig
 from calibration.rig import Mount, RigError, StereoRig, load_rig
 from pipeline.errors import InputError
-from pipeline.recordings.base import Recording
+from pipeline.recordings.base import BROKEN_RIG, Recording
 
 # What a new calibration of the cameras does not touch in the rig file that it replaces.
 KEPT_SECTIONS = ("encoders", "devices")
@@ -38,9 +38,10 @@ def choose_rig(recording: Recording, path: Path | None) -> tuple[StereoRig, list
     elif recording.rig is not None:
         rig = recording.rig
     else:
+        broken = "; ".join(recording.skipped.get(BROKEN_RIG, []))
         raise InputError(
-            f"{recording.path}: holds no calibration: give --rig rig.yaml "
-            "('beemap calibrate cameras' makes one)"
+            (broken or f"{recording.path}: holds no calibration")
+            + ": give --rig rig.yaml ('beemap calibrate cameras' makes one)"
         )
     if rig.mount is None:
         notes.append(NO_MOUNT)

@@ -18,7 +18,7 @@ from odometry.motion import Motion
 from odometry.source import MotionSource
 from pipeline.errors import InputError
 from pipeline.frontend import Observation, ahead, observe
-from pipeline.recordings.base import DamagedFrameError, PairFiles, Recording, image_size
+from pipeline.recordings.base import DamagedFrameError, Pair, Recording, image_size
 from pipeline.settings import Settings
 from stereo.errors import StereoError
 from stereo.ranger import StereoRanger
@@ -87,7 +87,7 @@ class MapRun:
 class Step:
     """One pair on its way: where it lies, how the robot came there, what is wanted of it."""
 
-    files: PairFiles
+    files: Pair
     motion: Motion | None
     due: bool
     key_frame: bool
@@ -185,7 +185,7 @@ def check_images(recording: Recording, rig: StereoRig, ranger: StereoRanger) -> 
         raise InputError(f"{recording.path}: none of {len(recording.pairs)} images can be read")
     if size != rig.image_size:
         raise InputError(
-            f"{recording.pairs[0].left}: image is {size[0]}x{size[1]}, the rig is calibrated for "
+            f"{recording.path}: image is {size[0]}x{size[1]}, the rig is calibrated for "
             f"{rig.image_size[0]}x{rig.image_size[1]}: give the rig of these cameras with --rig"
         )
     indices = np.linspace(0, len(recording.pairs) - 1, SWAP_SAMPLES).astype(int)
