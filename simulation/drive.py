@@ -17,7 +17,7 @@ from simulation.route import Route
 from simulation.wheels import WheelNoise, wheel_ticks
 
 FIRST_STAMP = 1_000_000_000_000  # ns
-PAIR_PERIOD = 500_000_000  # ns: 2 pairs a second
+PAIR_RATE = 2.0  # pairs a second
 TICK_PERIOD = 50_000_000  # ns: 20 readings a second
 TICK_OFFSET = 13_000_000  # ns: the wheels' clock does not tick with the cameras'
 
@@ -47,10 +47,11 @@ def drive(
     noise: WheelNoise,
     seed: int,
     duration: float = math.inf,
+    rate: float = PAIR_RATE,
 ) -> Drive:
-    """Drive `route` for at most `duration` s."""
+    """Drive `route` for at most `duration` s, taking `rate` pairs a second."""
     end = min(duration, route.duration)
-    stamps = np.arange(0, int(end * 1e9) + 1, PAIR_PERIOD, dtype=np.int64)
+    stamps = np.arange(0, int(end * 1e9) + 1, round(1e9 / rate), dtype=np.int64)
     poses = route.poses(stamps / 1e9)
     tick_stamps = np.arange(
         TICK_OFFSET - 2 * TICK_PERIOD, stamps[-1] + 2 * TICK_PERIOD, TICK_PERIOD, dtype=np.int64

@@ -17,6 +17,7 @@ from urllib.parse import urlsplit
 from stereo.camera import Camera, Frame
 from stereo.errors import CameraError
 from stereo.mjpeg import MjpegParser
+from stereo.stream_clock import StreamClock
 
 TIMEOUT = 2.0  # s without a byte: the stream is dead
 CHUNK = 1 << 16
@@ -24,9 +25,10 @@ STREAM = "multipart/x-mixed-replace"
 
 
 class NetworkCamera(Camera):
-    """Frames of `http://HOST[:PORT]/PATH`, stamped when an image's headers had arrived.
+    """Frames of `http://HOST[:PORT]/PATH`.
 
-    It speaks to that host alone: redirections are refused.
+    Stamped by the camera's own clock brought to this machine's where it sends `X-Timestamp`, else
+    when an image's headers had arrived. It speaks to that host alone: redirections are refused.
     """
 
     def __init__(self, address: str) -> None:
@@ -34,7 +36,7 @@ class NetworkCamera(Camera):
         self._parts = urlsplit(address)
         self._connection: http.client.HTTPConnection | None = None
         self._response: http.client.HTTPResponse | None = None
-        self._parser = MjpegParser(b"")
+        self._parser, self._clock = MjpegParser(b""), StreamClock()
         self._waiting: deque[Frame] = deque()
 
     def connect(self) -> None:
@@ -58,7 +60,7 @@ class NetworkCamera(Camera):
             raise
         # The response takes the socket over; it is kept to end a read that waits.
         self._connection, self._response = connection, response
-        self._parser = MjpegParser(boundary)
+        self._parser, self._clock = MjpegParser(boundary), StreamClock()
         self._waiting.clear()
 
     def read(self) -> Frame:
@@ -75,7 +77,8 @@ class NetworkCamera(Camera):
                 chunk = b""
             if not chunk:
                 raise CameraError(f"{self.address}: the stream ended")
-            for stamp, jpeg in self._parser.feed(chunk, time.monotonic_ns()):
+            for arrival, taken, jpeg in self._parser.feed(chunk, time.monotonic_ns()):
+                stamp = arrival if taken is None else self._clock.host_time(taken, arrival)
                 self._waiting.append(Frame(stamp, jpeg))
         return self._waiting.popleft()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from typing import NamedTuple
 
 from stereo.encoded import JPEG_END, JPEG_START
 
@@ -10,7 +11,18 @@ LONGEST_HEADER = 4096  # bytes
 LONGEST_IMAGE = 32 << 20  # bytes
 
 _LENGTH = re.compile(rb"^content-length:\s*(\d{1,9})\s*$", re.IGNORECASE | re.MULTILINE)
+# Seconds of the camera's clock, as mjpg-streamer and others send them.
+_TAKEN = re.compile(rb"^x-timestamp:\s*(\d{1,10})\.(\d{1,9})\s*$", re.IGNORECASE | re.MULTILINE)
 _TYPE = re.compile(rb"^content-type:\s*image/jpe?g", re.IGNORECASE | re.MULTILINE)
+
+
+class Part(NamedTuple):
+    """One image: when its headers had arrived [ns], when the camera says it was taken [ns of its
+    own clock] where it does, and the JPEG."""
+
+    arrival: int
+    taken: int | None
+    jpeg: bytes
 
 
 class MjpegParser:
@@ -26,9 +38,10 @@ class MjpegParser:
         self._rest = bytearray()
         self._stamp: int | None = None  # of the part whose body is awaited
         self._length: int | None = None
+        self._taken: int | None = None
 
-    def feed(self, chunk: bytes, stamp: int) -> list[tuple[int, bytes]]:
-        """(stamp, JPEG) of every image that this chunk completes; `stamp` of its arrival [ns]."""
+    def feed(self, chunk: bytes, stamp: int) -> list[Part]:
+        """Every image that this chunk completes; `stamp` of the chunk's arrival [ns]."""
         self._rest += chunk
         images = []
         while True:
@@ -38,7 +51,7 @@ class MjpegParser:
             if body is None:
                 return images
             assert self._stamp is not None
-            images.append((self._stamp, body))
+            images.append(Part(self._stamp, self._taken, body))
             self._stamp = None
 
     def _header(self, stamp: int) -> bool:
@@ -63,6 +76,10 @@ class MjpegParser:
                 continue
             del self._rest[: end + 4]
             self._stamp, self._length = stamp, size
+            taken = _TAKEN.search(headers)
+            self._taken = None
+            if taken:
+                self._taken = int(taken[1]) * 1_000_000_000 + int(taken[2].ljust(9, b"0"))
             return True
 
     def _body(self) -> bytes | None:

@@ -11,6 +11,7 @@ import click
 
 from pipeline.commands.simulate_degrade import degrade
 from pipeline.commands.simulate_paper import paper
+from pipeline.commands.simulate_rig import rig
 from pipeline.errors import InputError
 from pipeline.folders import check_target, new_folder
 from pipeline.progress import progress_bar
@@ -20,8 +21,6 @@ if TYPE_CHECKING:
     from simulation.drive import Drive
     from simulation.scene import Scene
 
-PAIR_RATE = 2.0  # pairs a second
-
 
 @click.group()
 def simulate() -> None:
@@ -30,6 +29,7 @@ def simulate() -> None:
 
 simulate.add_command(paper)
 simulate.add_command(degrade)
+simulate.add_command(rig)
 
 
 @simulate.command()
@@ -66,6 +66,14 @@ simulate.add_command(degrade)
     type=click.FloatRange(min=0),
     metavar="S",
     help="Stop after so many seconds instead of at the route's end.",
+)
+@click.option(
+    "--rate",
+    default=2.0,
+    show_default=True,
+    type=click.FloatRange(0.1, 100),
+    metavar="HZ",
+    help="Pairs a second.",
 )
 @click.option(
     "--noise-along",
@@ -132,16 +140,16 @@ def office(context: click.Context, **options: Any) -> None:
     from simulation.wheels import MINIBEE_ENCODERS, WheelNoise
 
     check_target(options["output"], options["force"])
-    rig = _rig(options)
+    cameras = _rig(options)
     scene = load_scene(options["scene"] or "office")
     noise = WheelNoise(
         along=options["noise_along"] / 1000.0, turn=math.radians(options["noise_turn"])
     )
     duration = math.inf if options["duration"] is None else options["duration"]
-    trip = drive(scene.route, MINIBEE_ENCODERS, noise, options["seed"], duration)
+    trip = drive(scene.route, MINIBEE_ENCODERS, noise, options["seed"], duration, options["rate"])
     with new_folder(options["output"], options["force"]) as folder:
-        _write(folder, scene, rig, trip, options)
-        _write_truth(folder / "truth", scene, rig, trip, _command_line(context))
+        _write(folder, scene, cameras, trip, options)
+        _write_truth(folder / "truth", scene, cameras, trip, _command_line(context))
     if not options["quiet"]:
         _summarise(options["output"], trip)
 
@@ -184,7 +192,7 @@ def _write(
     encoders = {**asdict(MINIBEE_ENCODERS), "reversed": list(MINIBEE_ENCODERS.reversed)}
     renderer = StereoRenderer(scene, rig, options["seed"])
     image_format = ImageFormat(options["ending"])
-    with AslWriter(folder, rig, PAIR_RATE, encoders, image_format) as recording:
+    with AslWriter(folder, rig, options["rate"], encoders, image_format) as recording:
         for stamp, (left, right) in zip(
             trip.tick_stamps.tolist(), trip.ticks.tolist(), strict=True
         ):
