@@ -94,8 +94,10 @@ def make_protocol(device: EncoderDevice, parameters: EncoderParameters) -> Encod
         return RoboClawProtocol(device.address, both=device.command == 78)
     if device.protocol == "odrive":
         turns = device.counts_per_unit or parameters.ticks_per_revolution
-        return ODriveProtocol((turns, turns), device.axes, device.checked)
-    return StreamProtocol(device.fields, _metres(device, parameters), device.checked)
+        return ODriveProtocol((turns, turns), device.axes, device.checked, parameters.counter_bits)
+    return StreamProtocol(
+        device.fields, _metres(device, parameters), device.checked, parameters.counter_bits
+    )
 
 
 def _metres(device: EncoderDevice, parameters: EncoderParameters) -> tuple[float, float] | None:

@@ -20,6 +20,7 @@ class ODriveProtocol(LineProtocol):
     Args:
         counts_per_turn: counts of the rig's encoders in one turn of each motor.
         axes: of the left and the right wheel; checked: with checksums both ways.
+        counter_bits: after which the counts wrap.
     """
 
     baud = 115200
@@ -29,10 +30,12 @@ class ODriveProtocol(LineProtocol):
         counts_per_turn: tuple[float, float],
         axes: tuple[int, int] = (0, 1),
         checked: bool = False,
+        counter_bits: int = 32,
     ) -> None:
         super().__init__()
         self._scale = counts_per_turn
         self._checked = checked
+        self._bits = counter_bits
         self._requests = tuple(self._request(axis) for axis in axes)
         self._asked = 0
         self._left: int | None = None
@@ -63,8 +66,9 @@ class ODriveProtocol(LineProtocol):
             self.counts["checksum"] += 1
             return None
         match = _ANSWER.fullmatch(body.strip())
-        count = None if match is None else counts_of(match[1], self._scale[self._asked])
-        if match is None or count is None or counts_of(match[2], 1.0) is None:
+        scale = self._scale[self._asked]
+        count = None if match is None else counts_of(match[1], scale, self._bits)
+        if match is None or count is None or counts_of(match[2], 1.0, self._bits) is None:
             return self.useless(line)
         if not self.waiting:
             self.counts["unasked"] += 1

@@ -33,6 +33,7 @@ class StreamProtocol(LineProtocol):
             [us] before them where there are three.
         counts_per_unit: what one unit of left and right is in counts; None: they are counts.
         checked: refuse lines without a checksum.
+        counter_bits: after which counts made from units wrap.
     """
 
     baud = 115200
@@ -42,11 +43,13 @@ class StreamProtocol(LineProtocol):
         fields: Sequence[str] | None = None,
         counts_per_unit: tuple[float, float] | None = None,
         checked: bool = False,
+        counter_bits: int = 32,
     ) -> None:
         super().__init__()
         self._fields = None if fields is None else tuple(fields)
         self._scale = counts_per_unit
         self._checked = checked
+        self._bits = counter_bits
 
     def line(self, line: bytes) -> Sample | Banner | None:
         """One line without its end."""
@@ -70,7 +73,7 @@ class StreamProtocol(LineProtocol):
     def _mapped(self, body: bytes) -> Sample | None:
         parts = _PARTS.split(body.strip())
         names = self._fields or ("time_us", "left", "right")[-min(len(parts), 3) :]
-        if len(parts) != len(names):
+        if len(parts) != len(names) or len(parts) < 2:
             return None
         told = dict(zip(names, parts, strict=True))
         time = told.get("time_us", told.get("time_ms"))
@@ -85,15 +88,16 @@ class StreamProtocol(LineProtocol):
     def _count(self, text: bytes, side: int) -> int | None:
         if self._scale is None:
             return int(text) if _WHOLE.fullmatch(text) else None
-        return counts_of(text, self._scale[side])
+        return counts_of(text, self._scale[side], self._bits)
 
 
-def counts_of(text: bytes, counts_per_unit: float) -> int | None:
-    """A real number, in units of `counts_per_unit` counts, as a whole count; None: it is none."""
+def counts_of(text: bytes, counts_per_unit: float, counter_bits: int) -> int | None:
+    """A real number, in units of `counts_per_unit` counts, as a wrapping counter would show it;
+    None: it is no number."""
     if not _REAL.fullmatch(text):
         return None
     value = float(text) * counts_per_unit
-    return round(value) if abs(value) < MOST_COUNTS else None
+    return round(value) % (1 << counter_bits) if abs(value) < MOST_COUNTS else None
 
 
 def checksum_of(body: bytes) -> int:
