@@ -11,6 +11,8 @@ from pipeline.commands.lazy import LazyGroup
 # name -> (module:function in pipeline.commands, what it does).
 COMMANDS = {
     "map": ("map:map_command", "Map a recording or a scan log: map and path out."),
+    "live": ("live:live_command", "Map while the robot drives."),
+    "record": ("record:record_command", "Record cameras and encoders."),
     "info": ("info:info_command", "Say what a recording or a scan log holds."),
     "calibrate": ("calibrate:calibrate", "Calibrate a new camera pair."),
     "rig": ("rig:rig", "Show, check and convert a rig file."),

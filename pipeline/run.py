@@ -16,6 +16,7 @@ from mapping.gate import ObservationGate
 from mapping.mapper import HierarchicalMapper
 from odometry.motion import Motion
 from odometry.source import MotionSource
+from pipeline.checkpoint import NOTHING, Observations
 from pipeline.errors import InputError
 from pipeline.frontend import Observation, ahead, observe
 from pipeline.recordings.base import DamagedFrameError, Pair, Recording, image_size
@@ -102,54 +103,66 @@ def map_recording(
     threads: int = 1,
     progress: Progress = lambda done, total: None,
     interrupted: Interrupted = lambda: False,
+    known: Observations = NOTHING,
 ) -> MapRun:
     """Map a recording; `progress` and `interrupted` as in `MapRun.each`.
+
+    known: what was seen in a run before, which need not be looked at again.
 
     Raises:
         InputError: images and rig do not fit, or no pair can be used.
         StereoError: the images are exchanged, or the rig makes no stereo.
     """
-    ranger = StereoRanger(
-        rig,
-        settings.stereo,
-        settings.mapping.max_range,
-        usable_sigma=USABLE_CELLS * settings.mapping.cell,
-    )
+    ranger = make_ranger(rig, settings)
     check_images(recording, rig, ranger)
     mapper = HierarchicalMapper(settings.mapping, seed)
     run = MapRun(mapper)
 
     def work(step: Step) -> Observation | None:
-        return observe(step.files, ranger, step.key_frame) if step.due else None
+        if not step.due:
+            return None
+        return known.get(step.files.stamp) or observe(step.files, ranger, step.key_frame)
 
     total = len(recording.pairs)
-    steps = _steps(recording, motion, mapper.gate)
+    stepper = Stepper(motion, mapper.gate)
+    steps = (stepper.step(pair) for pair in recording.pairs)
     for step, seen in run.each(ahead(steps, work, threads), total, progress, interrupted):
-        _take(step, seen, run)
+        if seen is not None:
+            known.add(step.files.stamp, seen)
+        take(step, seen, run)
     if not run.counts["observations"] and not run.partial:
         raise InputError(f"{recording.path}: none of {total} pairs could be used: {_why(run)}")
     mapper.finish()
     return run
 
 
-def _steps(recording: Recording, motion: MotionSource, gate: ObservationGate) -> Iterator[Step]:
-    """Motion is known before the images are looked at: only due pairs are read at all."""
-    key_gate = ObservationGate(*KEY_FRAME_SPACING)
-    since = Motion.none(0)
-    for files in recording.pairs:
-        moved = motion.until(files.stamp)
+class Stepper:
+    """Tells of every pair how the robot came there and what is wanted of it.
+
+    Motion is known before the images are looked at: only due pairs are read at all.
+    """
+
+    def __init__(self, motion: MotionSource, gate: ObservationGate) -> None:
+        self._motion = motion
+        self._gate = gate
+        self._key_gate = ObservationGate(*KEY_FRAME_SPACING)
+        self._since = Motion.none(0)
+
+    def step(self, pair: Pair) -> Step:
+        """The next pair, in order of time."""
+        moved = self._motion.until(pair.stamp)
         if moved is None:
-            yield Step(files, None, False, False)
-            continue
-        due = gate.step(moved.increment)
-        since = since.then(moved)
-        key_frame = due and key_gate.step(since.increment)
+            return Step(pair, None, False, False)
+        due = self._gate.step(moved.increment)
+        self._since = self._since.then(moved)
+        key_frame = due and self._key_gate.step(self._since.increment)
         if due:
-            since = Motion.none(files.stamp)
-        yield Step(files, moved, due, key_frame)
+            self._since = Motion.none(pair.stamp)
+        return Step(pair, moved, due, key_frame)
 
 
-def _take(step: Step, seen: Observation | None, run: MapRun) -> None:
+def take(step: Step, seen: Observation | None, run: MapRun) -> None:
+    """Let the run have a pair, and what was seen in it where it was due."""
     if step.motion is None:
         run.counts["pairs without motion"] += 1
         run.skipped.setdefault("pair without motion", []).append(str(step.files.stamp))
@@ -168,6 +181,16 @@ def _take(step: Step, seen: Observation | None, run: MapRun) -> None:
     run.mapper.observe(seen.scan)
     if run.key_frames is not None and seen.points is not None and seen.colours is not None:
         run.key_frames.append(KeyFrame(len(run.mapper.stamps) - 1, seen.points, seen.colours))
+
+
+def make_ranger(rig: StereoRig, settings: Settings) -> StereoRanger:
+    """The stereo stage for ranges of use to the map."""
+    return StereoRanger(
+        rig,
+        settings.stereo,
+        settings.mapping.max_range,
+        usable_sigma=USABLE_CELLS * settings.mapping.cell,
+    )
 
 
 def _why(run: MapRun) -> str:

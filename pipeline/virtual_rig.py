@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from calibration.rig import StereoRig, save_rig
-from odometry.encoders import EncoderParameters
+from pipeline.encoder_sheet import encoder_sheet
 from pipeline.errors import InputError
 from pipeline.recordings.base import PairFiles, Recording
 from simulation.virtual_drive import RecordedDrive
@@ -44,7 +44,7 @@ def write_rig_file(file: Path, rig: StereoRig, virtual: VirtualRig, calibrated: 
     """The file to give to `beemap live`."""
     encoders = replace(virtual.drive.encoders, counter_bits=virtual.encoders.bits)
     devices = {**virtual.devices, "size": list(rig.image_size)}
-    sections = {"encoders": encoder_section(encoders), "devices": devices}
+    sections = {"encoders": encoder_sheet(encoders), "devices": devices}
     if calibrated:
         save_rig(replace(rig, sections=sections), file)
         return
@@ -53,12 +53,6 @@ def write_rig_file(file: Path, rig: StereoRig, virtual: VirtualRig, calibrated: 
     partial = file.with_name(file.name + ".part")
     partial.write_text(dump_yaml({"beemap_rig": 1, **sections}), encoding="utf-8")
     os.replace(partial, file)
-
-
-def encoder_section(encoders: EncoderParameters) -> dict:
-    """`encoders` as it stands in a rig file, what need not be said left out."""
-    fields = {**asdict(encoders), "reversed": list(encoders.reversed)}
-    return {key: value for key, value in fields.items() if value is not None}
 
 
 def _jpeg(file: Path) -> bytes:

@@ -45,7 +45,7 @@ class VirtualRig:
         return {
             "left": self.cameras.address("left"),
             "right": self.cameras.address("right"),
-            "rate": round(self.timeline.speed / self.drive.period, 3),
+            "fps": round(self.timeline.speed / self.drive.period, 3),
             "encoders": self.encoders.pattern,
             "protocol": self.protocol,
         }

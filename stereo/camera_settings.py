@@ -23,7 +23,7 @@ class CameraSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     left, right, stereo: `/dev/video0`, its number, or the `http://` address of an MJPEG stream.
     size: (width, height) of one camera's image [px]; None: whatever the camera sends.
-    rate: pairs a second asked of the cameras. exposure: fixed [ms]; None: automatic.
+    fps: pairs a second asked of the cameras. exposure: fixed [ms]; None: automatic.
     max_skew: images taken further apart are no pair [ms].
     """
 
@@ -31,7 +31,7 @@ class CameraSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     right: str | int | None = None
     stereo: str | int | None = None
     size: tuple[Side, Side] | None = None
-    rate: Positive = 10.0
+    fps: Positive = 10.0
     exposure: Positive | None = None
     max_skew: Positive = 20.0
 
@@ -44,7 +44,7 @@ class CameraSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     @property
     def period(self) -> int:
         """Time between two pairs [ns]."""
-        return round(1e9 / self.rate)
+        return round(1e9 / self.fps)
 
     @property
     def skew_limit(self) -> int:

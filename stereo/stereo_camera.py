@@ -69,7 +69,7 @@ class StereoCamera:
         size = self.settings.size
         for name, address in self.settings.addresses.items():
             both = size and (2 * size[0], size[1]) if name == "stereo" else size
-            camera = open_camera(address, both, self.settings.rate, self.settings.exposure)
+            camera = open_camera(address, both, self.settings.fps, self.settings.exposure)
             try:
                 camera.connect()
                 opened[name] = camera

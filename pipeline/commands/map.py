@@ -74,7 +74,7 @@ def map_command(
         overrides = (*overrides, f"mapping.method={method}")
     threads = threads or os.cpu_count() or 1
     job, settings = _prepare(recording, fps, rig, motion, settings_file, overrides, seed, threads)
-    _use_threads(threads)
+    use_threads(threads)
     if not quiet:
         for note in job.notes:
             click.echo(f"note: {note}", err=True)
@@ -157,7 +157,7 @@ def _run(job: Job, quiet: bool, open3d: _Open3DLoading) -> MapRun:
         signal.signal(signal.SIGINT, previous)
 
 
-def _use_threads(threads: int) -> None:
+def use_threads(threads: int) -> None:
     """Share the cores out: OpenCV one (frames run beside each other), numba all."""
     # Threads that wait for their next loop must not take the core from those that match images.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
