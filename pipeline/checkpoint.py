@@ -79,6 +79,13 @@ class Checkpoint:
         self._known = {record.stamp: record for record in known}
         self._file: BinaryIO | None = file
         self._bearing = known[-1].bearing if known else None
+        self._empty = not known
+
+    def __enter__(self) -> Checkpoint:
+        return self
+
+    def __exit__(self, *_exception: object) -> None:
+        self.close()
 
     def __len__(self) -> int:
         return len(self._known)
@@ -140,14 +147,17 @@ class Checkpoint:
         try:
             self._file.write(_FRAME.pack(len(payload), zlib.crc32(payload)) + payload)
             self._file.flush()
+            self._empty = False
         except OSError:
             self.close()
 
     def close(self) -> None:
-        """End the log; it stays."""
+        """End the log; it stays when there is something in it."""
         file, self._file = self._file, None
         if file is not None:
             file.close()
+            if self._empty:
+                self.path.unlink(missing_ok=True)
 
     def discard(self) -> None:
         """The run ended well: the log is of no use any more."""

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
-
-if TYPE_CHECKING:
-    from pipeline.settings import Settings
+import msgspec
 
 
 @click.command("live")
@@ -58,12 +56,13 @@ def live_command(
     beemap live virtual-rig/rig.yaml -o run --poses -
     """
     from pipeline.checkpoint import Checkpoint
+    from pipeline.commands.libraries import use_threads
     from pipeline.commands.live_screen import Screen, until_interrupted
-    from pipeline.commands.map import use_threads
     from pipeline.commands.record import check_new
     from pipeline.live.devices import load_live_rig
     from pipeline.live.events import EventLines
     from pipeline.live.live_run import LiveOptions, begin_output, live_run
+    from pipeline.map_request import MapRequest
     from pipeline.settings import load_settings
 
     rig = load_live_rig(rig_file)
@@ -80,7 +79,9 @@ def live_command(
     screen = Screen(quiet)
     try:
         begin_output(output, force, facts)
-        known = Checkpoint.start(output / "checkpoint", _asked(place, settings, seed))
+        # What mapping the recording offline would be asked for: `map --resume` goes on with that.
+        asked = MapRequest(str(place), motion="encoders", seed=seed).complete(settings)
+        known = Checkpoint.start(output / "checkpoint", msgspec.to_builtins(asked))
         with until_interrupted() as stop:
             options = LiveOptions(settings, seed, duration, stop, known, facts)
             sinks = {"on_pose": lines, "on_map": lines} if lines else {}
@@ -94,20 +95,6 @@ def live_command(
             lines.close()
     if not quiet:
         _tell(output, place, summary)
-
-
-def _asked(recording: Path, settings: Settings, seed: int) -> dict[str, Any]:
-    """What the offline run of the recording must be asked for to give the same map."""
-    from pipeline.settings import as_yaml
-
-    return {
-        "recording": str(recording.resolve()),
-        "settings": as_yaml(settings),
-        "seed": seed,
-        "motion": "encoders",
-        "rig": None,
-        "fps": None,
-    }
 
 
 def _tell(output: Path, place: Path, summary: dict[str, Any]) -> None:

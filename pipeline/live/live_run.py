@@ -25,11 +25,11 @@ import numpy as np
 from odometry.live import LiveOdometry
 from pipeline.checkpoint import NOTHING, Observations
 from pipeline.errors import InputError
-from pipeline.folders import check_target
+from pipeline.folders import check_target, replace_files
 from pipeline.live.capture import Session, capture
 from pipeline.live.devices import LiveRig
 from pipeline.live.events import OnMap, OnPose
-from pipeline.live.map_saver import MapSaver, replace_files
+from pipeline.live.map_saver import MapSaver
 from pipeline.live.mapping_thread import LiveMapper
 from pipeline.live.status import Status
 from pipeline.results import write_results

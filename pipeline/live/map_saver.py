@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import threading
 import time
@@ -12,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from mapping.grid import OccupancyGrid
+from pipeline.folders import replace_files
 from pipeline.live.events import MapEvent, OnMap
 from pipeline.map_files import write_map_server, write_npz
 from pipeline.trajectory import Trajectory, write_tum
@@ -77,19 +77,12 @@ class MapSaver:
         write_map_server(partial, snapshot.grid)
         write_npz(partial / "map.npz", snapshot.grid)
         write_tum(partial / "trajectory.tum", snapshot.trajectory)
-        replace_files(partial, self.folder)
+        replace_files(partial, self.folder, "map.yaml")
         latency = time.monotonic() - snapshot.ready
         self.latencies.append(latency)
         stamps = snapshot.trajectory.stamps
         stamp = int(stamps[-1]) if len(stamps) else 0
         self._on_map(MapEvent(stamp, self.folder / "map.yaml", snapshot.local_maps, latency))
-
-
-def replace_files(partial: Path, folder: Path, last: str = "map.yaml") -> None:
-    """Move the files of `partial` into `folder`, each in place of an old one; `last` at the end."""
-    for file in sorted(partial.iterdir(), key=lambda file: file.name == last):
-        os.replace(file, folder / file.name)
-    partial.rmdir()
 
 
 def path_of(stamps: list[int], poses: np.ndarray) -> Trajectory:
