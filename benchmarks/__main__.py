@@ -5,11 +5,21 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from benchmarks import accuracy, calibration, end_to_end, logs, simulated
+from benchmarks import (
+    accuracy,
+    calibration,
+    end_to_end,
+    logs,
+    simulated,
+    stereo_columns,
+    stereo_pictures,
+    stereo_time,
+)
 
 TITLE = "# Benchmarks\n\nThis page is written by `make bench`, from the repository's root."
 
-sections = (end_to_end, accuracy, logs, calibration, simulated)
+stereo = (stereo_pictures, stereo_columns, stereo_time)
+sections = (end_to_end, accuracy, *stereo, logs, calibration, simulated)
 page = "\n\n".join([TITLE, *(section.main() for section in sections)]) + "\n"
 print(page)
 Path(sys.argv[1]).write_text(page, encoding="utf-8")

@@ -16,6 +16,7 @@ COMMANDS = {
     "info": ("info:info_command", "Say what a recording or a scan log holds."),
     "calibrate": ("calibrate:calibrate", "Calibrate a new camera pair."),
     "rig": ("rig:rig", "Show, check and convert a rig file."),
+    "stereo": ("stereo:stereo", "See what stereo makes of images; measure its sensor model."),
     "simulate": ("simulate:simulate", "Make recordings and scan logs with known truth."),
     "evaluate": ("evaluate:evaluate", "Compare a path or a map with the truth."),
     "experiment": ("experiment:experiment", "Run the paper's experiments, with many seeds."),

@@ -1,6 +1,7 @@
 """Boxes and their faces: all geometry of a scene.
 
 Everything is a box, turned about the vertical axis only: walls, desk tops, posters (thin boxes).
+A pane of glass is one sheet amid its box.
 A face carries its own uv frame in metres, so that textures lie straight on it.
 World frame: x along the room's length, y along its width, z up, origin in a corner on the floor.
 """
@@ -8,11 +9,11 @@ World frame: x along the room's length, y along its width, z up, origin in a cor
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
-from simulation.materials import MATERIALS
+from simulation.materials import MATERIALS, PANES
 
 
 @dataclass(frozen=True)
@@ -73,12 +74,33 @@ class Faces:
         triangles = (first + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3)
         return corners.reshape(-1, 3).astype(np.float32), triangles.astype(np.uint32)
 
+    def placed(self, x: float, y: float, turn: float) -> Faces:
+        """The same faces turned by `turn` rad about z, then moved by (x, y) m."""
+        c, s = math.cos(turn), math.sin(turn)
+        turned = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+        frames = (self.u_axis @ turned, self.v_axis @ turned, self.normal @ turned)
+        return Faces(
+            self.origin @ turned + (x, y, 0.0), *frames, self.size, self.material, self.seed
+        )
 
-def box_faces(boxes: tuple[Box, ...]) -> Faces:
-    """The faces of `boxes`, six each, in the order +x, +y, -x, -y, top, bottom."""
+    def chosen(self, which: np.ndarray) -> Faces:
+        """The faces that `which` (n,) bool, or indices, selects."""
+        return Faces(*(getattr(self, field.name)[which] for field in fields(self)))
+
+    @staticmethod
+    def joined(parts: list[Faces]) -> Faces:
+        """All faces of `parts` in their order."""
+        return Faces(
+            *(np.concatenate([getattr(p, field.name) for p in parts]) for field in fields(Faces))
+        )
+
+
+def box_faces(boxes: tuple[Box, ...], first: int = 0) -> Faces:
+    """The faces of `boxes`: six each, in the order +x, +y, -x, -y, top, bottom; of a pane the one
+    across its thinnest side. A face's seed is the number of its box, counted from `first`."""
     origin, u_axis, v_axis, size, material, seed = [], [], [], [], [], []
     up = np.array([0.0, 0.0, 1.0])
-    for number, box in enumerate(boxes):
+    for number, box in enumerate(boxes, first):
         c, s = math.cos(box.turn), math.sin(box.turn)
         ex, ey = np.array([c, s, 0.0]), np.array([-s, c, 0.0])
         middle = np.array([*box.centre, box.bottom + box.size[2] / 2.0])
@@ -91,6 +113,9 @@ def box_faces(boxes: tuple[Box, ...]) -> Faces:
             (up, sz, ex, sx, ey, sy),
             (-up, sz, ex, sx, -ey, sy),
         ]
+        if box.material in PANES:
+            normal, depth, *sheet = min(sides, key=lambda side: side[1])
+            sides = [(normal, 0.0, *sheet)]
         for normal, depth, u, width, v, height in sides:
             origin.append(middle + 0.5 * (depth * normal - width * u - height * v))
             u_axis.append(u)

@@ -36,6 +36,11 @@ class Drive:
     distance: float
 
     @property
+    def times(self) -> np.ndarray:
+        """(n,) s: when on the route the pairs are taken."""
+        return (self.stamps - FIRST_STAMP) / 1e9
+
+    @property
     def truth(self) -> np.ndarray:
         """(n, 3) poses in the frame of the first one."""
         return compose(inverse(self.poses[0]), self.poses)
@@ -49,7 +54,7 @@ def drive(
     duration: float = math.inf,
     rate: float = PAIR_RATE,
 ) -> Drive:
-    """Drive `route` for at most `duration` s, taking `rate` pairs a second."""
+    """Drive `route` for at most `duration` s and take `rate` pairs a second."""
     end = min(duration, route.duration)
     stamps = np.arange(0, int(end * 1e9) + 1, round(1e9 / rate), dtype=np.int64)
     poses = route.poses(stamps / 1e9)

@@ -12,13 +12,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from simulation.boxes import Faces
-from simulation.materials import MATERIALS
+from simulation.materials import MATERIALS, PANES
 from simulation.raycaster import RayCaster
 
 TEXEL = 0.12  # m
 RAYS = 160
 LIFT = 0.01  # m above the face, so that rays do not start inside it
-GLOW = {"lamp": 6.0, "ceiling": 0.85, "plaster": 0.50, "carpet": 0.16}
+GLOW = {
+    "lamp": 6.0,
+    "ceiling": 0.85,
+    "plaster": 0.50,
+    "white": 0.55,
+    "tiles": 0.55,
+    "carpet": 0.16,
+    "matte_black": 0.02,
+    "gloss_black": 0.02,
+}
 GLOW_ELSEWHERE = 0.25
 CHUNK = 2048  # texels cast at a time
 
@@ -27,16 +36,26 @@ CHUNK = 2048  # texels cast at a time
 class Lightmap:
     """Light on grids over the faces: face i owns shape[i] = (nv, nu) values from first[i] on.
 
-    values: float32; 1 = the mean over the carpet, or over all faces where there is none.
+    values: float32; 1 = the mean over the first box, the floor, which is dark below;
+    floor: the mean over its upper face.
     """
 
     values: np.ndarray
     first: np.ndarray
     shape: np.ndarray
+    floor: float
+
+    def extended(self, light: np.ndarray) -> Lightmap:
+        """With faces added that are evenly lit by `light` (n,)."""
+        values = np.concatenate([self.values, np.repeat(light, 4).astype(np.float32)])
+        first = np.concatenate([self.first, len(self.values) + 4 * np.arange(len(light))])
+        return Lightmap(
+            values, first, np.concatenate([self.shape, np.full((len(light), 2), 2)]), self.floor
+        )
 
 
-def bake(caster: RayCaster, faces: Faces) -> Lightmap:
-    """Gather the light on all `faces`; `caster` holds the same faces."""
+def bake(faces: Faces) -> Lightmap:
+    """Gather the light on all `faces` of a scene; panes of glass do not hinder it."""
     shape = np.maximum(2, np.ceil(faces.size[:, ::-1] / TEXEL).astype(np.int64) + 1)
     counts = shape.prod(axis=1)
     first = np.concatenate([[0], np.cumsum(counts)[:-1]])
@@ -45,17 +64,20 @@ def bake(caster: RayCaster, faces: Faces) -> Lightmap:
     glow = np.full(len(MATERIALS), GLOW_ELSEWHERE)
     for material, value in GLOW.items():
         glow[MATERIALS.index(material)] = value
+    solid = faces.chosen(~np.isin(faces.material, [MATERIALS.index(pane) for pane in PANES]))
+    caster = RayCaster(solid)
     # A ray that leaves the scene meets the dark, which stands behind the last face.
-    face_glow = np.append(glow[faces.material], 0.0)
+    face_glow = np.append(glow[solid.material], 0.0)
     values = np.concatenate(
         [
             _gather(caster, faces, points[i : i + CHUNK], owner[i : i + CHUNK], face_glow)
             for i in range(0, len(points), CHUNK)
         ]
     )
-    floor = faces.material[owner] == MATERIALS.index("carpet")
-    reference = values[floor].mean() if floor.any() else values.mean()
-    return Lightmap((values / reference).astype(np.float32), first, shape)
+    floor = faces.seed[owner] == 0
+    values = values / values[floor].mean()
+    above = values[floor & (faces.normal[owner, 2] > 0.5)].mean()
+    return Lightmap(values.astype(np.float32), first, shape, float(above))
 
 
 def _texels(faces: Faces, owner: np.ndarray, index: np.ndarray, shape: np.ndarray) -> np.ndarray:

@@ -1,26 +1,34 @@
-"""StereoRenderer: what the two cameras of a rig see in a scene, lens and sensor included.
+"""StereoRenderer: the light on both raw images of a rig that moves through a scene.
 
 Every subpixel sample's ray is the camera's own model inverted, so the images are bent exactly as
-the rig says and have to be rectified like real ones.
+the rig says and have to be rectified like real ones. What the sensor makes of the light is
+`simulation.sensor`'s; when each row looks is told here.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
+from numba import njit
 
-from calibration.rig import CameraModel, RigError, StereoRig
-from simulation.lighting import bake
-from simulation.raycaster import RayCaster
+from calibration.rig import RigError, StereoRig
+from simulation.camera_rays import camera_poses, pixel_rays
+from simulation.faults import PLAIN, CameraFaults
 from simulation.scene import Scene
-from simulation.shading import shade
+from simulation.sensor import LightPair, Sensor
+from simulation.tracer import Tracer
 
-NOISE_PURPOSE = 1  # keys of the random generators: (seed, purpose, camera, frame)
-NOISE_SIGMA = 1.7  # grey levels
+# The robot's true poses (n, 3) at times (n,) s.
+PoseAt = Callable[[np.ndarray], np.ndarray]
+
+ROWS = 32  # rendered at a time: what they need fits the processor's cache
+BLUR_STEP = 0.5  # motion between two sub-exposures [px]
+MOST_STEPS = 32  # sub-exposures
+NEAR = 1.0  # distance for which the motion in the image is reckoned [m]
 
 
 @dataclass(frozen=True)
@@ -34,119 +42,127 @@ class RenderedPair:
 
 
 class StereoRenderer:
-    """Renders pairs of one rig in one scene.
+    """Renders pairs of one rig in one scene, or of one more rig in the scene of a `Tracer`.
 
-    samples: k x k samples per pixel. The same pose, frame and seed give the same bytes.
+    samples: k x k samples per pixel. Of the faults shutter, readout and skew act on the light.
+    The same poses, time, frame and seed give the same bytes.
 
     Raises:
         RigError: the rig has no mount, or its lens model has no ray for some pixel.
     """
 
-    def __init__(self, scene: Scene, rig: StereoRig, seed: int = 0, samples: int = 2) -> None:
+    def __init__(
+        self,
+        scene: Scene | Tracer,
+        rig: StereoRig,
+        seed: int = 0,
+        samples: int = 2,
+        faults: CameraFaults = PLAIN,
+    ) -> None:
         if rig.mount is None:
             raise RigError("rig: field 'mount' is missing: the renderer must know where it sits")
-        self.rig, self.seed = rig, seed
-        self._faces = scene.faces()
-        self._caster = RayCaster(self._faces)
-        self._light = bake(self._caster, self._faces)
+        self.rig, self.seed, self.faults = rig, seed, faults
+        self.sensor = Sensor(rig, faults)
+        self.tracer = scene if isinstance(scene, Tracer) else Tracer(scene)
+        width, height = rig.image_size
         self._angles = tuple(1.0 / (camera.fx * samples) for camera in (rig.left, rig.right))
         self._directions = tuple(
-            pixel_rays(camera, rig.image_size, samples) for camera in (rig.left, rig.right)
+            pixel_rays(camera, rig.image_size, samples).reshape(height, width, -1, 3)
+            for camera in (rig.left, rig.right)
         )
-        self._centres = pixel_rays(rig.left, rig.image_size, 1)
+        self._centres = pixel_rays(rig.left, rig.image_size, 1).reshape(height, width, 1, 3)
 
-    def render(self, pose: np.ndarray, frame: int) -> RenderedPair:
-        """The pair seen from the robot's `pose` (x m, y m, theta rad); `frame` keys the noise."""
-        views = camera_poses(self.rig, pose)
-        rays = [_place(d, *view) for d, view in zip(self._directions, views, strict=True)]
+    def render(self, pose: np.ndarray, frame: int, time: float = 0.0) -> RenderedPair:
+        """The pair seen by a robot that stands at `pose` (x m, y m, theta rad) at `time` s;
+        `frame` keys the noise."""
+        pose_at = standing(pose)
+        left, right = self.sensor.expose(self.light(pose_at, time), self.seed, frame)
+        return RenderedPair(left, right, self.depth(pose_at, time))
+
+    def light(self, pose_at: PoseAt, time: float = 0.0) -> LightPair:
+        """The light on the pair whose stamp is `time` s, on the way `pose_at`."""
         with ThreadPoolExecutor(2) as pool:
-            images = list(pool.map(self._image, rays, self._angles, (0, 1), (frame, frame)))
-        depth, _ = self._caster.cast(_place(self._centres, *views[0]))
-        width, height = self.rig.image_size
-        return RenderedPair(images[0], images[1], depth.reshape(height, width))
+            left, right = pool.map(lambda camera: self._light(camera, pose_at, time), (0, 1))
+        return LightPair(left, right)
 
-    def _image(self, rays: np.ndarray, angle: float, camera: int, frame: int) -> np.ndarray:
-        depth, triangle = self._caster.cast(rays)
-        grey = shade(rays, depth, triangle, self._faces, self._light, angle)
-        chance = np.random.default_rng((self.seed, NOISE_PURPOSE, camera, frame))
-        grey += NOISE_SIGMA * chance.standard_normal(len(grey), np.float32)
-        width, height = self.rig.image_size
-        return np.clip(np.rint(grey), 0, 255).astype(np.uint8).reshape(height, width)
+    def depth(self, pose_at: PoseAt, time: float = 0.0) -> np.ndarray:
+        """(H, W) float32, as in `RenderedPair`: of what each row of the left image looked at in
+        the middle of its exposure."""
+        height, width = self._centres.shape[:2]
+        depth = np.empty((height, width), np.float32)
+        for rows, times in self._blocks(0, time):
+            rays = self._rays(0, self._centres[rows], pose_at(times))
+            depth[rows] = self.tracer.depth(rays, float(times.mean()))[..., 0]
+        return depth
 
+    def _light(self, camera: int, pose_at: PoseAt, time: float) -> np.ndarray:
+        directions = self._directions[camera]
+        height, width, samples = directions.shape[:3]
+        light = np.empty((height, width), np.float32)
+        moments = self._moments(pose_at, time, samples)
+        for rows, times in self._blocks(camera, time):
+            total = np.zeros((times.size, width))
+            for step, moment in enumerate(moments):
+                # While the shutter is open each moment takes the next of a pixel's samples.
+                chosen = directions[rows]
+                if len(moments) > 1:
+                    chosen = chosen[:, :, step % samples, None]
+                rays = self._rays(camera, chosen, pose_at(times + moment))
+                rays = rays.reshape(-1, *rays.shape[2:])
+                middle = float((times + moment).mean())
+                seen = self.tracer.linear(rays, self._angles[camera], middle)
+                total += seen.reshape(total.shape)
+            light[rows] = total / len(moments)
+        return light
 
-def pixel_rays(camera: CameraModel, image_size: tuple[int, int], samples: int) -> np.ndarray:
-    """Directions (H * W, samples^2, 3) float32 with z = 1 in the camera's frame.
+    def _moments(self, pose_at: PoseAt, time: float, samples: int) -> np.ndarray:
+        """Times of the sub-exposures about the middle of a row's exposure [s]: a multiple of
+        `samples`, and as many as keep what moves in the image together."""
+        shutter = self.faults.shutter
+        if not shutter:
+            return np.zeros(1)
+        ends = pose_at(time + 0.5 * shutter * np.array([-1.0, 1.0]))
+        x, y, turn = np.abs(ends[1] - ends[0])
+        motion = self.rig.left.fx * (turn + math.hypot(x, y) / NEAR)
+        rounds = math.ceil(min(max(motion / BLUR_STEP, 4), MOST_STEPS) / samples)
+        steps = rounds * samples
+        return shutter * ((np.arange(steps) + 0.5) / steps - 0.5)
 
-    The samples of a pixel stand on a regular grid within it; one sample stands at its centre.
-    """
-    width, height = image_size
-    offset = (np.arange(samples) + 0.5) / samples - 0.5
-    v, u, dv, du = np.meshgrid(np.arange(height), np.arange(width), offset, offset, indexing="ij")
-    pixels = np.stack([u + du, v + dv], axis=-1).reshape(-1, 2)
-    x, y = undistort(camera, pixels).T
-    return (
-        np.stack([x, y, np.ones_like(x)], axis=-1)
-        .astype(np.float32)
-        .reshape(width * height, samples * samples, 3)
-    )
+    def _blocks(self, camera: int, time: float) -> Iterator[tuple[slice, np.ndarray]]:
+        """Rows of one camera's image, and the middles of their exposures [s]."""
+        height = self.rig.image_size[1]
+        offset = ((np.arange(height) + 0.5) / height - 0.5) * self.faults.readout
+        times = time + camera * self.faults.skew + offset
+        for first in range(0, height, ROWS):
+            rows = slice(first, first + ROWS)
+            yield rows, times[rows]
 
-
-def undistort(camera: CameraModel, pixels: np.ndarray) -> np.ndarray:
-    """Normalised image coordinates (n, 2) of distorted `pixels` (n, 2).
-
-    Raises:
-        RigError: the model cannot be inverted there to 0.01 px (coefficients out of bounds).
-    """
-    flat = pixels.reshape(-1, 1, 2)
-    if camera.distortion_model == "fisheye":
-        criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
-        points = cv2.fisheye.undistortPoints(flat, camera.K, camera.D, criteria=criteria)
-    else:
-        points = cv2.undistortPoints(flat, camera.K, camera.D)
-    points = points.reshape(-1, 2)
-    # OpenCV stops after five rounds; repeat until the point projects to its pixel.
-    for _ in range(60):
-        error = pixels - distort(camera, points)
-        if np.abs(error).max() < 1e-6:
-            break
-        points = points + error / (camera.fx, camera.fy)
-    worst = np.abs(pixels - distort(camera, points)).max()
-    if not worst < 0.01:
-        raise RigError(
-            f"rig: distortion {camera.distortion} cannot be inverted over the whole image "
-            f"({worst:.3g} px off): check the coefficients"
-        )
-    return points
-
-
-def distort(camera: CameraModel, points: np.ndarray) -> np.ndarray:
-    """Pixels (n, 2) of normalised image coordinates `points` (n, 2)."""
-    if camera.distortion_model == "fisheye":
-        flat = points.reshape(-1, 1, 2)
-        return cv2.fisheye.distortPoints(flat, camera.K, camera.D).reshape(-1, 2)
-    ahead = np.concatenate([points, np.ones((len(points), 1))], axis=1)
-    zero = np.zeros(3)
-    return cv2.projectPoints(ahead, zero, zero, camera.K, camera.D)[0].reshape(-1, 2)
+    def _rays(self, camera: int, directions: np.ndarray, poses: np.ndarray) -> np.ndarray:
+        """Rays (h, W, k, 6) float32 of `directions` (h, W, k, 3), each row from its own pose."""
+        views = [camera_poses(self.rig, pose)[camera] for pose in poses]
+        rotations = np.array([view[0] for view in views], np.float32)
+        positions = np.array([view[1] for view in views], np.float32)
+        return placed(directions, rotations, positions)
 
 
-def camera_poses(rig: StereoRig, pose: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-    """(rotation (3, 3), position (3,)) of the left and the right camera in the world.
-
-    A rotation carries a direction in the camera's frame to the world's; `rig.mount` must be set.
-    """
-    x, y, theta = pose
-    c, s = math.cos(theta), math.sin(theta)
-    world_from_robot = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    assert rig.mount is not None
-    left = world_from_robot @ rig.mount.rotation
-    position = world_from_robot @ rig.mount.position + (x, y, 0.0)
-    right = left @ rig.R.T
-    return [(left, position), (right, position - right @ rig.T)]
+def standing(pose: np.ndarray) -> PoseAt:
+    """The way of a robot that stays at `pose`."""
+    fixed = np.asarray(pose, float)
+    return lambda times: np.broadcast_to(fixed, (np.size(times), 3))
 
 
-def _place(directions: np.ndarray, rotation: np.ndarray, position: np.ndarray) -> np.ndarray:
-    """Rays (..., 6) float32 in the world."""
-    rays = np.empty((*directions.shape[:-1], 6), np.float32)
-    rays[..., :3] = position
-    rays[..., 3:] = directions @ rotation.T.astype(np.float32)
+@njit(cache=True, nogil=True)
+def placed(directions, rotations, positions):
+    """Rays (h, W, k, 6) float32 in the world: row i of the directions (h, W, k, 3) turned by
+    rotations[i] and starting at positions[i]."""
+    h, width, samples, _ = directions.shape
+    rays = np.empty((h, width, samples, 6), np.float32)
+    for i in range(h):
+        R, p = rotations[i], positions[i]
+        for j in range(width):
+            for s in range(samples):
+                x, y, z = directions[i, j, s]
+                for axis in range(3):
+                    rays[i, j, s, axis] = p[axis]
+                    rays[i, j, s, 3 + axis] = R[axis, 0] * x + R[axis, 1] * y + R[axis, 2] * z
     return rays

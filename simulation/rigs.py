@@ -1,4 +1,4 @@
-"""The virtual rig of the rendered recordings."""
+"""The virtual rigs of the rendered recordings."""
 
 from __future__ import annotations
 
@@ -26,6 +26,17 @@ def bent_minibee(factor: float = 1.0) -> StereoRig:
         R=R,
         T=R @ rig.T,
     )
+
+
+def with_baseline(rig: StereoRig, baseline: float) -> StereoRig:
+    """The same cameras `baseline` m apart, the middle between them where it was on the robot."""
+    T = rig.T * (baseline / rig.baseline)
+    if rig.mount is None:
+        return replace(rig, T=T)
+    # From the left camera to the right one is -R^T T, in the left camera's axes.
+    shift = 0.5 * rig.mount.rotation @ rig.R.T @ (T - rig.T)
+    x, y, height = rig.mount.position + shift
+    return replace(rig, T=T, mount=replace(rig.mount, x=x, y=y, height=height))
 
 
 def _rotation(vector: np.ndarray) -> np.ndarray:

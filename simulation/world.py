@@ -50,22 +50,36 @@ def load_world(name_or_path: str | Path) -> World:
     Raises:
         WorldError: no such world, or a field that is missing, unknown or out of range.
     """
-    path = Path(name_or_path)
-    packaged = files("simulation.worlds") / f"{name_or_path}.yaml"
-    is_name = str(name_or_path).isidentifier()
-    if is_name and packaged.is_file():
-        data = parse_yaml(packaged.read_text(encoding="utf-8"), packaged.name)
-    elif is_name and not path.exists():
-        raise WorldError(
-            f"{name_or_path}: no such world: give {', '.join(world_names())}, or a file"
-        )
-    else:
-        data = _yaml(path)
+    data, path = _content(name_or_path)
     if isinstance(data, dict) and "image" in data:
         return _world_of_image(checked(data, MapServerSheet, str(path)), path)
     sheet = checked(data, WorldSheet, str(path))
     route = sheet.route.route(f"{path}: route") if sheet.route else None
     return World(path.stem, sheet.solid(), sheet.cell, (0.0, 0.0), route)
+
+
+def load_sheet(name_or_path: str | Path) -> WorldSheet:
+    """What a world file says, that of a world which ships with the package by its name.
+
+    Raises:
+        WorldError: as `load_world`; or it is an image.
+    """
+    data, path = _content(name_or_path)
+    return checked(data, WorldSheet, str(path))
+
+
+def _content(name_or_path: str | Path) -> tuple[Any, Path]:
+    """The parsed YAML of a world, and the path or name to call it by."""
+    path = Path(name_or_path)
+    packaged = files("simulation.worlds") / f"{name_or_path}.yaml"
+    is_name = str(name_or_path).isidentifier()
+    if is_name and packaged.is_file():
+        return parse_yaml(packaged.read_text(encoding="utf-8"), packaged.name), path
+    if is_name and not path.exists():
+        raise WorldError(
+            f"{name_or_path}: no such world: give {', '.join(world_names())}, or a file"
+        )
+    return _yaml(path), path
 
 
 def world_names() -> list[str]:

@@ -1,127 +1,120 @@
-"""Nearest obstacle per column: disparity -> range in every bearing (paper Sec. II-A).
+"""Nearest obstacle per column: disparity -> range in every bearing, with its doubt (Sec. II-A).
 
-The nearest pixel of a column is often a false match. An obstacle therefore needs `support`:
-that many pixels of the column and its two neighbours, within the height band, that agree to
-about a pixel of disparity. Support 1 is the paper's plain nearest depth.
+    gather the pixels of the height band by bearing and disparity
+    nearest disparity that enough pixels with a gradient of their own agree upon
+    trim what block matching fattens; drop what no neighbour confirms
+    sigma: noise of matching and disagreement of neighbouring columns, through the geometry
+
+The nearest pixel of a column is often a false match. Support 1 is the paper's plain nearest depth.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
+import cv2
 import numpy as np
-from numba import njit
 
-from stereo.disparity import SUBPIXEL
+from stereo.column_kernels import confirm, gather, nearest_standing, trim_outlines
 from stereo.rectify import RectifiedCamera
 from stereo.settings import StereoSettings
+
+# Sobel's operator sums so many differences over two pixels.
+SOBEL = 4.0
+# An obstacle so high [m] must be seen; of its pixels in three columns, this share be firm.
+LEAST_HEIGHT = 0.03
+LEAST_SHARE = 0.6
+# So many times that, filled in across a blank surface before a firm one: something may stand there.
+VETO = 2.0
+# Filled and firm pixels are of one surface within this share of the disparity (at least 1 px).
+ONE_SURFACE = 0.1
+# The outline of a surface is sought in its last so many columns: block and support fatten by 3.
+OUTLINE = 4
+# Ranges differing by more than this factor belong to different surfaces.
+STEP = 1.1
+# Disagreement with the neighbouring columns counts so many times: it is seen less than it is.
+ROUGHNESS = 1.5
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Of each image column, left to right, (W,) each: range and sigma [m] as in a `RangeScan`,
+    support: the firm pixels in three columns that agree on it."""
+
+    range: np.ndarray
+    sigma: np.ndarray
+    support: np.ndarray
 
 
 def nearest_per_column(
     disparity: np.ndarray,
+    image: np.ndarray,
+    seen: np.ndarray,
     camera: RectifiedCamera,
     settings: StereoSettings,
     disparities: int,
     max_range: float,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Range and sigma (W,) [m] of the nearest obstacle in each image column, left to right.
+) -> Columns:
+    """The nearest obstacle in each image column.
 
-    disparity: (H, W) int16, sixteenths of a pixel, negative = no match. Ranges are horizontal
-    distances from the camera; NaN where too few pixels answer, +inf where those that answer
-    all lie beyond `max_range`.
+    disparity: (H, W) int16, sixteenths of a pixel, negative = no match; image: (H, W) uint8, the
+    rectified left one; seen: see `Rectifier.seen`. Ranges are horizontal distances from the
+    camera; NaN where too few pixels answer or a blank surface may stand before them, +inf where
+    those that answer all lie beyond `max_range`.
     """
+    plain = settings.support == 1
     yaw = camera.yaw
     to_sensor = np.array(
         [[math.cos(yaw), math.sin(yaw), 0.0], [-math.sin(yaw), math.cos(yaw), 0.0], [0.0, 0.0, 1.0]]
     )
-    count, nearness = _column_histogram(
+    tilt = math.tan(math.radians(settings.tilt_sigma))
+    gradients = cv2.Sobel(image, cv2.CV_16S, 1, 0, ksize=3)
+    noise2 = 1e-6 if plain else gradient_noise(gradients) ** 2 * settings.texture**2
+    filled, evidence, weights, nearness, energy = gather(
         disparity,
+        gradients,
+        seen,
         to_sensor @ camera.rotation,
-        np.array([camera.f, camera.cx, camera.cy, camera.baseline]),
+        np.array([camera.f, camera.f_rows, camera.cx, camera.cy, camera.baseline]),
         float(camera.position[2]),
-        np.array(
-            [
-                settings.height_min,
-                settings.height_max,
-                math.tan(math.radians(settings.tilt_sigma)),
-                settings.noise,
-            ]
-        ),
-        disparities,
+        np.array([settings.height_min, settings.height_max, tilt, settings.noise]),
+        noise2,
+        disparities + 1,
     )
-    return _nearest_supported(
-        count,
+    needed = _needed(camera, settings, disparities)
+    ranges, support, outline = nearest_standing(
+        filled,
+        evidence,
+        weights,
         nearness,
-        np.array([camera.f, camera.cx, camera.baseline]),
-        settings.support,
-        settings.noise,
+        energy,
+        needed,
+        np.inf if plain else VETO,
+        ONE_SURFACE,
         max_range,
     )
+    secant = np.hypot(1.0, (np.arange(camera.width) - camera.cx) / camera.f)
+    factor = camera.depth_factor * secant  # disparity = factor / range
+    roughness = np.zeros(camera.width)
+    if not plain:
+        ranges = trim_outlines(ranges, outline, OUTLINE, STEP)
+        ranges, roughness = confirm(ranges, factor, ONE_SURFACE)
+    noise = np.hypot(settings.noise, ROUGHNESS * roughness)
+    sigma = np.where(np.isfinite(ranges), ranges**2 * noise / factor, np.nan)
+    return Columns(ranges, sigma, np.where(np.isnan(ranges), 0, support))
 
 
-@njit(cache=True, nogil=True)
-def _column_histogram(disparity, rotation, intrinsics, height, band, disparities):
-    """Pixels in the height band: their number and summed 1/range per (column, disparity)."""
-    f, cx, cy, baseline = intrinsics
-    low, high, tilt, noise = band
-    # Floor seen through a tilt or a disparity error must not become an obstacle: both raise it
-    # in proportion to the depth.
-    doubt = 3.0 * math.hypot(tilt, height * noise / (f * baseline))
-    rows, columns = disparity.shape
-    count = np.zeros((columns, disparities + 1), np.int32)
-    nearness = np.zeros((columns, disparities + 1), np.float64)
-    for v in range(rows):
-        y = (v - cy) / f
-        ahead, left, above = (
-            rotation[0, 1] * y + rotation[0, 2],
-            rotation[1, 1] * y + rotation[1, 2],
-            rotation[2, 1] * y + rotation[2, 2],
-        )
-        for u in range(columns):
-            raw = disparity[v, u]
-            if raw <= 0:
-                continue
-            x = (u - cx) / f
-            Z = SUBPIXEL * f * baseline / raw
-            up = height + Z * (rotation[2, 0] * x + above)
-            if up < low or up > high or up < doubt * Z:
-                continue
-            X, Y = Z * (rotation[0, 0] * x + ahead), Z * (rotation[1, 0] * x + left)
-            if X <= 0.0:
-                continue
-            column = round(cx - f * Y / X)
-            if 0 <= column < columns:
-                bin_ = min(round(raw / SUBPIXEL), disparities)
-                count[column, bin_] += 1
-                nearness[column, bin_] += 1.0 / math.sqrt(X * X + Y * Y)
-    return count, nearness
+def gradient_noise(g):
+    h, w = g.shape
+    g = g[: h // 8 * 8, : w // 8 * 8].astype(np.float32)
+    b = (g**2).reshape(h // 8, 8, -1, 8).mean((1, 3)).ravel()
+    return max(2.0, float(np.sqrt(np.quantile(b, 0.03))))
 
 
-@njit(cache=True, nogil=True)
-def _nearest_supported(count, nearness, intrinsics, support, noise, max_range):
-    """The nearest disparity with enough support in each column, as range and sigma."""
-    f, cx, baseline = intrinsics
-    columns, bins = count.shape
-    ranges = np.full(columns, np.nan)
-    sigmas = np.full(columns, np.nan)
-    for u in range(columns):
-        first, last = max(u - 1, 0), min(u + 1, columns - 1)
-        secant = math.hypot(1.0, (u - cx) / f)
-        for d in range(bins - 1, 0, -1):
-            if count[u, d] == 0:
-                continue
-            pixels, total = 0, 0.0
-            for i in range(first, last + 1):
-                for j in range(max(d - 1, 0), d + 1):
-                    pixels += count[i, j]
-                    total += nearness[i, j]
-            if pixels < support:
-                continue
-            r = pixels / total
-            if r > max_range:
-                ranges[u] = np.inf
-            else:
-                ranges[u] = r
-                sigmas[u] = r * r * noise / (f * baseline * secant)
-            break
-    return ranges, sigmas
+def _needed(camera: RectifiedCamera, settings: StereoSettings, disparities: int) -> np.ndarray:
+    """(disparities + 1,) pixels that an obstacle must show in three columns, by disparity."""
+    if settings.support == 1:
+        return np.ones(disparities + 1)
+    rows = LEAST_HEIGHT * camera.f_rows * np.arange(disparities + 1) / camera.depth_factor
+    return np.maximum(3 * LEAST_SHARE * rows, settings.support)

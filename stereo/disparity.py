@@ -1,4 +1,4 @@
-"""Disparity by semi-global block matching (Hirschmueller 2008; OpenCV's SGBM)."""
+"""Disparity by semi-global block matching (Hirschmueller 2008; OpenCV's SGBM), or plain blocks."""
 
 from __future__ import annotations
 
@@ -16,6 +16,15 @@ SUBPIXEL = 16
 # Nearest obstacle that the default number of disparities keeps in reach [m].
 NEAREST = 0.5
 
+MODES = {
+    "3way": cv2.STEREO_SGBM_MODE_SGBM_3WAY,
+    "sgbm": cv2.STEREO_SGBM_MODE_SGBM,
+    "hh": cv2.STEREO_SGBM_MODE_HH,
+    "hh4": cv2.STEREO_SGBM_MODE_HH4,
+}
+# Plain block matching has no neighbours to ask and needs a block so many times as wide.
+BM_BLOCK = 3
+
 
 def choose_disparities(f: float, baseline: float, width: int) -> int:
     """Multiple of 16 that reaches down to 0.5 m, at most a fifth of the image's width."""
@@ -31,37 +40,48 @@ class DisparityMatcher:
             camera.f, camera.baseline, camera.width
         )
         self.settings = settings
-        self._local = threading.local()  # a StereoSGBM object holds buffers: one a thread
+        self._local = threading.local()  # a matcher holds buffers: one a thread
 
     def __call__(self, left: np.ndarray, right: np.ndarray) -> np.ndarray:
         """Disparity (H, W) int16 in sixteenths of a pixel; negative where there is no match.
 
-        The images are padded on the left: SGBM gives no answer in the first `disparities`
+        The images are padded on the left: OpenCV gives no answer in the first `disparities`
         columns, although the far things there lie inside the right image.
         """
         pad = self.disparities
         padded = [
             cv2.copyMakeBorder(image, 0, 0, pad, 0, cv2.BORDER_REPLICATE) for image in (left, right)
         ]
-        disparity = self._matcher().compute(*padded)[:, pad:]
+        disparity = np.ascontiguousarray(self._matcher().compute(*padded)[:, pad:])
         # A match outside the right image is made of padding, not of anything seen.
-        reach = np.minimum(SUBPIXEL * np.arange(left.shape[1]), np.iinfo(np.int16).max)
-        return np.where(disparity > reach, np.int16(-SUBPIXEL), disparity)
+        near = disparity[:, :pad]
+        near[near > SUBPIXEL * np.arange(near.shape[1])] = -SUBPIXEL
+        return disparity
 
-    def _matcher(self) -> cv2.StereoSGBM:
+    def _matcher(self) -> cv2.StereoMatcher:
         matcher = getattr(self._local, "matcher", None)
         if matcher is None:
-            block = self.settings.block
-            matcher = self._local.matcher = cv2.StereoSGBM.create(
-                minDisparity=0,
-                numDisparities=self.disparities,
-                blockSize=block,
-                P1=8 * block * block,
-                P2=32 * block * block,
-                disp12MaxDiff=1,
-                uniquenessRatio=self.settings.uniqueness,
-                speckleWindowSize=self.settings.speckle,
-                speckleRange=1,
-                mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
-            )
+            matcher = self._local.matcher = self._new()
         return matcher
+
+    def _new(self) -> cv2.StereoMatcher:
+        settings, block = self.settings, self.settings.block
+        if settings.matcher == "bm":
+            plain = cv2.StereoBM.create(self.disparities, max(5, BM_BLOCK * block))
+            plain.setUniquenessRatio(settings.uniqueness)
+            plain.setSpeckleWindowSize(settings.speckle)
+            plain.setSpeckleRange(1)
+            plain.setDisp12MaxDiff(1)
+            return plain
+        return cv2.StereoSGBM.create(
+            minDisparity=0,
+            numDisparities=self.disparities,
+            blockSize=block,
+            P1=8 * block * block,
+            P2=32 * block * block,
+            disp12MaxDiff=1,
+            uniquenessRatio=settings.uniqueness,
+            speckleWindowSize=settings.speckle,
+            speckleRange=1,
+            mode=MODES[settings.matcher],
+        )

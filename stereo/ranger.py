@@ -21,6 +21,8 @@ from stereo.settings import StereoSettings
 
 # A range is of use while its standard deviation stays below this [m].
 USABLE_SIGMA = 0.10
+# From this focal length [px] on, two rows joined are still narrower than 6 mm at 1 m.
+FINE_ROWS = 350.0
 # Share of pixels that must match with the images exchanged before they are called swapped.
 SWAPPED_SHARE = 0.25
 # And so many times more than as they are: 1.9 to 3 for images exchanged under a rig that is not
@@ -30,11 +32,13 @@ SWAPPED_RATIO = 1.5
 
 @dataclass(frozen=True)
 class StereoFrame:
-    """One pair with all that was made of it: rectified left image, disparity, scan."""
+    """One pair with all that was made of it: rectified left image (H, W) uint8, disparity (H, W)
+    int16 in sixteenths of a pixel, scan, and the pixels that agree on each of its ranges (n,)."""
 
     left: np.ndarray
     disparity: np.ndarray
     scan: RangeScan
+    support: np.ndarray
 
 
 class StereoRanger:
@@ -73,7 +77,8 @@ class StereoRanger:
             rig.left.fx, rig.baseline, rig.image_size[0]
         )
         heights = (settings.height_min, settings.height_max)
-        self.rectify = Rectifier(rig, heights, nearest=factor / disparities)
+        joined = settings.rows_joined or (2 if rig.left.fx >= FINE_ROWS else 1)
+        self.rectify = Rectifier(rig, heights, factor / disparities, joined)
         self.camera = self.rectify.camera
         self.match = DisparityMatcher(self.camera, settings)
         self.max_range = max_range or usable_range(
@@ -88,8 +93,14 @@ class StereoRanger:
         """The scan together with the rectified left image and the disparity."""
         left, right = self.rectify(pair.left, pair.right)
         disparity = self.match(left, right)
-        ranges, sigmas = nearest_per_column(
-            disparity, self.camera, self.settings, self.match.disparities, self.max_range
+        found = nearest_per_column(
+            disparity,
+            left,
+            self.rectify.seen,
+            self.camera,
+            self.settings,
+            self.match.disparities,
+            self.max_range,
         )
         columns = np.arange(self.camera.width)
         bearing = np.arctan2(self.camera.cx - columns, self.camera.f)
@@ -98,11 +109,11 @@ class StereoRanger:
             stamp=pair.stamp,
             origin=(float(x), float(y), self.camera.yaw),
             bearing=bearing[::-1].copy(),
-            range=ranges[::-1].copy(),
-            sigma=sigmas[::-1].copy(),
+            range=found.range[::-1].copy(),
+            sigma=found.sigma[::-1].copy(),
             max_range=self.max_range,
         )
-        return StereoFrame(left, disparity, scan)
+        return StereoFrame(left, disparity, scan, found.support[::-1].copy())
 
     def looks_swapped(self, pair: StereoPair) -> bool:
         """Whether left and right are exchanged: true disparities would then be negative."""
@@ -125,8 +136,8 @@ class StereoRanger:
         Z = camera.depth_factor * SUBPIXEL / frame.disparity[v, u]
         near = self.max_range >= Z
         u, v, Z = u[near], v[near], Z[near]
-        optical = np.stack([(u - camera.cx) * Z, (v - camera.cy) * Z, camera.f * Z], axis=1)
-        points = optical / camera.f @ camera.rotation.T + camera.position
+        rays = [(u - camera.cx) / camera.f, (v - camera.cy) / camera.f_rows, np.ones(len(u))]
+        points = (np.stack(rays) * Z).T @ camera.rotation.T + camera.position
         colours = frame.left if raw_left.ndim == 2 else self.rectify.left_in_colour(raw_left)
         picked = colours[v, u]
         rgb = np.repeat(picked[:, None], 3, axis=1) if picked.ndim == 1 else picked[:, ::-1]

@@ -29,7 +29,8 @@ class RectifiedCamera:
     """Geometry of the rectified left camera: lengths in pixels and metres.
 
     rotation: (3, 3) from its axes (x right, y down, z forward) to the robot's;
-    position: (3,) of its optical centre on the robot.
+    position: (3,) of its optical centre on the robot;
+    rows_joined: rows of the camera that were averaged into each row of the image.
     """
 
     width: int
@@ -40,6 +41,12 @@ class RectifiedCamera:
     baseline: float
     rotation: np.ndarray
     position: np.ndarray
+    rows_joined: int = 1
+
+    @property
+    def f_rows(self) -> float:
+        """Focal length in rows of the image [px]."""
+        return self.f / self.rows_joined
 
     @property
     def depth_factor(self) -> float:
@@ -56,10 +63,17 @@ class Rectifier:
     """Turns raw pairs of one rig into rectified ones.
 
     heights: (lowest, highest) height of interest on the robot [m]; nearest: closest distance of
-    interest [m]. Without a mount on the rig the camera is taken as level, 0.3 m high.
+    interest [m]; rows_joined: rows of the camera averaged into one. Without a mount on the rig
+    the camera is taken as level, 0.3 m high.
     """
 
-    def __init__(self, rig: StereoRig, heights: tuple[float, float], nearest: float):
+    def __init__(
+        self,
+        rig: StereoRig,
+        heights: tuple[float, float],
+        nearest: float,
+        rows_joined: int = 1,
+    ):
         self.rig = rig
         mount = rig.mount or Mount()
         left_from_raw, right_from_raw = _rectifying_rotations(rig, mount)
@@ -71,29 +85,37 @@ class Rectifier:
         rays_right = _border_rays(rig.right, rig.image_size) @ right_from_raw.T
         cx, cy = _principal_point(rig, f, (rays_left, rays_right), left_from_raw)
         top, bottom = _band_rows(f, cy, mount.height, heights, nearest, (rays_left, rays_right))
+        rows = (bottom - top) // rows_joined
         self.camera = RectifiedCamera(
             width=width,
-            height=bottom - top,
+            height=rows,
             f=f,
             cx=cx,
-            cy=cy - top,
+            # Pixel centres are at integers: row 0 of two joined ones lies between rows 0 and 1.
+            cy=(cy - top + 0.5) / rows_joined - 0.5,
             baseline=rig.baseline,
             rotation=mount.rotation @ left_from_raw.T,
             position=mount.position,
+            rows_joined=rows_joined,
         )
         # Already rectified and level images need only be cut to the band.
         self._rows = slice(top, bottom)
         self._cut_only = (
             rig.rectified
+            and rows_joined == 1
             and np.allclose(left_from_raw, np.eye(3), atol=1e-9)
             and top >= 0
             and bottom <= height
         )
         if not self._cut_only:
-            P = np.array([[f, 0.0, cx], [0.0, f, cy - top], [0.0, 0.0, 1.0]])
-            size = (width, bottom - top)
+            f_rows, cy = self.camera.f_rows, self.camera.cy
+            P = np.array([[f, 0.0, cx], [0.0, f_rows, cy], [0.0, 0.0, 1.0]])
+            size = (width, rows)
+            # Between two rows, where joined rows have their centres, a bilinear sample is the
+            # mean of both.
             self._left_maps = _maps(rig.left, left_from_raw, P, size)
             self._right_maps = _maps(rig.right, right_from_raw, P, size)
+        self.seen = self._seen_columns()
 
     def __call__(self, left: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Rectified grey images, uint8 (camera.height, camera.width) each.
@@ -107,13 +129,26 @@ class Rectifier:
                     f"the {name} image is {image.shape[1]}x{image.shape[0]}, the rig is calibrated "
                     f"for {width}x{height}: use the rig made for these images"
                 )
-        left, right = _grey(left), _grey(right)
+        left, right = _eight_bits(_grey(left), _grey(right))
         if self._cut_only:
             return left[self._rows], right[self._rows]
         return (
             cv2.remap(left, *self._left_maps, cv2.INTER_LINEAR),
             cv2.remap(right, *self._right_maps, cv2.INTER_LINEAR),
         )
+
+    def _seen_columns(self) -> np.ndarray:
+        """(4, height) int32: first column and one past the last that the left, then the right
+        camera saw, in every row. What lies outside is black and matches itself."""
+        width, height = self.rig.image_size
+        white = np.full((height, width), 255, np.uint8)
+        limits = []
+        for image in self(white, white):
+            whole = image == 255
+            first = np.where(whole.any(axis=1), whole.argmax(axis=1), image.shape[1])
+            last = image.shape[1] - whole[:, ::-1].argmax(axis=1)
+            limits += [first, np.where(whole.any(axis=1), last, 0)]
+        return np.array(limits, np.int32)
 
     def left_in_colour(self, left: np.ndarray) -> np.ndarray:
         """The rectified left image with its colours, for people and clouds."""
@@ -215,3 +250,13 @@ def _maps(camera: CameraModel, R: np.ndarray, P: np.ndarray, size: tuple[int, in
 
 def _grey(image: np.ndarray) -> np.ndarray:
     return image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+
+
+def _eight_bits(left: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Deeper images scaled to 8 bits, both alike, by the least whole number of bits that holds
+    them: cameras put 10, 12 or 14 bits into 16."""
+    if left.dtype == right.dtype == np.uint8:
+        return left, right
+    bits = max(8, int(max(left.max(), right.max())).bit_length())
+    scale = 255.0 / (2**bits - 1)
+    return cv2.convertScaleAbs(left, alpha=scale), cv2.convertScaleAbs(right, alpha=scale)

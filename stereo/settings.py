@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import msgspec
 
@@ -20,6 +20,18 @@ class StereoSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             "disparities searched, a multiple of 16; null: from the rig, near obstacles kept", "px"
         ),
     ] = None
+    matcher: Annotated[
+        Literal["3way", "sgbm", "hh", "hh4", "bm"],
+        _meta("OpenCV's matcher: semi-global in 3, 5, 8 or 4 directions, or plain blocks", ""),
+    ] = "3way"
+    rows_joined: Annotated[
+        Annotated[int, msgspec.Meta(ge=1, le=4)] | None,
+        _meta(
+            "image rows averaged into one before matching: half the time and fewer false matches; "
+            "null: 2 where the image is fine enough",
+            "rows",
+        ),
+    ] = None
     block: Annotated[int, _meta("side of the matched block, odd", "px", ge=1, le=11)] = 5
     uniqueness: Annotated[
         int, _meta("the best match must win by this margin", "%", ge=0, le=100)
@@ -32,7 +44,16 @@ class StereoSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         _meta(
             "pixels that must agree on the nearest obstacle; 1: the paper's nearest", "pixels", ge=1
         ),
-    ] = 8
+    ] = 6
+    texture: Annotated[
+        float,
+        _meta(
+            "a pixel counts where the image changes by so much across it; elsewhere the matcher "
+            "only guesses",
+            "grey levels",
+            ge=0,
+        ),
+    ] = 1.0
     height_min: Annotated[float, _meta("lower things are floor", "m")] = 0.10
     height_max: Annotated[float, _meta("higher things do not stop the robot", "m")] = 1.20
     tilt_sigma: Annotated[

@@ -40,7 +40,7 @@ def scene(tmp_path_factory):
 def test_the_mount_of_a_rendered_recording_is_found(beemap, tmp_path, scene, pitch, height, roll):
     recording = tmp_path / "recording"
     arguments = ["office", "-o", recording, "--scene", scene, "--duration", 1.5, "--quiet"]
-    arguments += ["--pitch", pitch, "--height", height, "--roll", roll]
+    arguments += ["--size", "320x240", "--pitch", pitch, "--height", height, "--roll", roll]
     result = CliRunner().invoke(simulate, [str(a) for a in arguments], catch_exceptions=False)
     assert result.exit_code == 0
     rig = open_recording(recording).rig

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from pipeline.commands.simulate_rendered import PRESETS, rendered
 from pipeline.errors import InputError
 
 if TYPE_CHECKING:
@@ -26,7 +27,7 @@ SPEED_ODOMETRY_BELIEVES = 3.0
 @click.command()
 @click.argument("recording", required=False, type=click.Path(path_type=Path), metavar="[REC]")
 @click.option(
-    "--preset", type=click.Choice(["office"]), help="Render this drive (once: it is kept)."
+    "--preset", type=click.Choice(list(PRESETS)), help="Render this drive (once: it is kept)."
 )
 @click.option("--size", default="320x240", show_default=True, help="Images of the preset.")
 @click.option(
@@ -102,7 +103,7 @@ def rig(
     if (recording is None) == (preset is None):
         raise InputError("give a recording, or --preset office")
     parsed = tuple(parse_fault(fault) for fault in faults)
-    path = recording or _rendered(size, rate, duration)
+    path = recording or _rendered(preset or "", size, rate, duration)
     drive, cameras = recorded_drive(open_recording(path))
     with _folder(output), VirtualRig(drive, output, protocol, parsed, speed, port) as virtual:
         file = output / "rig.yaml"
@@ -111,20 +112,18 @@ def rig(
         _watch(virtual, parsed)
 
 
-def _rendered(size: str, rate: float, duration: float | None) -> Path:
+def _rendered(preset: str, size: str, rate: float, duration: float | None) -> Path:
     """The preset's recording, rendered when it is asked for the first time."""
-    from pipeline.commands.simulate import office
-
     base = os.environ.get("XDG_CACHE_HOME")
     cache = (Path(base) if base else Path.home() / ".cache") / "beemap" / "drives"
-    name = f"office-{size}-{rate:g}" + (f"-{duration:g}s" if duration else "")
+    name = f"{preset}-{size}-{rate:g}" + (f"-{duration:g}s" if duration else "")
     path = cache / name
     if not path.is_dir():
         click.echo(f"rendering the drive into {path} (once) ...")
         cache.mkdir(parents=True, exist_ok=True)
         arguments = ["-o", str(path), "--size", size, "--rate", f"{rate:g}"]
         arguments += ["--duration", f"{duration:g}"] if duration else []
-        office.main(arguments, standalone_mode=False)
+        rendered(preset).main(arguments, standalone_mode=False)
     return path
 
 

@@ -10,10 +10,9 @@ from typing import TypeVar
 import numpy as np
 
 from pipeline.experiments.batch import Run
+from pipeline.intervals import wilson
 
 K = TypeVar("K", bound=Hashable)
-
-Z95 = 1.959964  # two-sided 95 % of the normal distribution
 
 
 @dataclass(frozen=True)
@@ -41,16 +40,6 @@ def spread(values: Iterable[float]) -> Spread:
 def of(runs: Sequence[Run], name: str) -> Spread:
     """Spread of a field of the results."""
     return spread(float(getattr(run.result, name)) for run in runs)
-
-
-def wilson(failures: int, runs: int) -> tuple[float, float]:
-    """95 % interval of a rate of which `failures` of `runs` were seen (Wilson, 1927)."""
-    if runs == 0:
-        return 0.0, 1.0
-    p, z2 = failures / runs, Z95**2
-    middle = (p + z2 / (2.0 * runs)) / (1.0 + z2 / runs)
-    half = Z95 * math.sqrt(p * (1.0 - p) / runs + z2 / (4.0 * runs**2)) / (1.0 + z2 / runs)
-    return max(middle - half, 0.0), min(middle + half, 1.0)
 
 
 def lost(runs: Sequence[Run]) -> tuple[int, float, float]:
