@@ -18,10 +18,12 @@ class Frame:
 
     stamp: when it was taken, or arrived, by this machine's monotonic clock [ns].
     data: the JPEG as it was sent, or pixels uint8 (H, W) or (H, W, 3).
+    taken: when it was taken by the camera's own clock, where it says so [ns].
     """
 
     stamp: int
     data: bytes | np.ndarray
+    taken: int | None = None
 
     def decode(self) -> np.ndarray:
         """The pixels. Raises StereoError for a JPEG that is damaged."""
@@ -35,10 +37,14 @@ class Frame:
 
 @dataclass(frozen=True, eq=False)
 class CapturedPair:
-    """Two images taken together; right is None where left holds both side by side."""
+    """Two images taken together; right is None where left holds both side by side.
+
+    skew: how much later the right one was taken [ns].
+    """
 
     left: Frame
     right: Frame | None
+    skew: int = 0
 
     @property
     def stamp(self) -> int:
@@ -49,11 +55,6 @@ class CapturedPair:
     def name(self) -> str:
         """What the pair is called in messages."""
         return str(self.stamp)
-
-    @property
-    def skew(self) -> int:
-        """How much later the right image was taken [ns]."""
-        return 0 if self.right is None else self.right.stamp - self.left.stamp
 
     def load(self) -> StereoPair:
         """Decode both images. Raises StereoError for a damaged one."""

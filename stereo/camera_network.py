@@ -79,7 +79,7 @@ class NetworkCamera(Camera):
                 raise CameraError(f"{self.address}: the stream ended")
             for arrival, taken, jpeg in self._parser.feed(chunk, time.monotonic_ns()):
                 stamp = arrival if taken is None else self._clock.host_time(taken, arrival)
-                self._waiting.append(Frame(stamp, jpeg))
+                self._waiting.append(Frame(stamp, jpeg, taken))
         return self._waiting.popleft()
 
     def close(self) -> None:

@@ -42,6 +42,16 @@ class CameraSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return {name: address for name, address in named.items() if address is not None}
 
     @property
+    def one_host(self) -> bool:
+        """Whether both cameras are streams of one machine, which has one clock."""
+        hosts = [
+            urlsplit(str(address)).hostname if is_network(address) else None
+            for address in (self.left, self.right)
+            if address is not None
+        ]
+        return len(hosts) == 2 and hosts[0] is not None and hosts[0] == hosts[1]
+
+    @property
     def period(self) -> int:
         """Time between two pairs [ns]."""
         return round(1e9 / self.fps)

@@ -49,7 +49,7 @@ class StereoCamera:
 
     def __init__(self, settings: CameraSettings) -> None:
         self.settings = settings
-        self._pairing = FramePairing(settings.skew_limit)
+        self._pairing = FramePairing(settings.skew_limit, settings.one_host)
         self._pairs: deque[CapturedPair] = deque()
         self._news = threading.Condition()
         self._events: list[tuple[int, str]] = []

@@ -25,10 +25,16 @@ from pipeline.errors import InputError
 @click.option(
     "--duration", type=click.FloatRange(min=0, min_open=True), help="Seconds; else until Ctrl-C."
 )
+@click.option("--set", "overrides", multiple=True, metavar="STAGE.KEY=VALUE", help="One setting.")
 @click.option("--json", "as_json", is_flag=True, help="Print what came of it as JSON.")
 @click.option("--quiet", is_flag=True, help="No status line, no summary.")
 def record_command(
-    rig_file: Path, output: Path, duration: float | None, as_json: bool, quiet: bool
+    rig_file: Path,
+    output: Path,
+    duration: float | None,
+    overrides: tuple[str, ...],
+    as_json: bool,
+    quiet: bool,
 ) -> None:
     """Record the devices that RIG names, calibrated or not, until Ctrl-C.
 
@@ -38,12 +44,14 @@ def record_command(
     from pipeline.commands.live_screen import Screen, until_interrupted
     from pipeline.live.devices import load_live_rig
     from pipeline.live.record_run import record_run
+    from pipeline.settings import load_settings
 
+    settings = load_settings(None, overrides).odometry
     rig = load_live_rig(rig_file)
     check_new(output)
     screen = Screen(quiet or as_json)
     with until_interrupted() as stop:
-        report = record_run(rig, output, stop, duration, screen.tell, screen.status)
+        report = record_run(rig, output, stop, settings, duration, screen.tell, screen.status)
     screen.end()
     if as_json:
         click.echo(json.dumps(report, indent=2))

@@ -32,6 +32,7 @@ from pipeline.live.events import OnMap, OnPose
 from pipeline.live.map_saver import MapSaver
 from pipeline.live.mapping_thread import LiveMapper
 from pipeline.live.status import Status
+from pipeline.live.warm_up import warm_up
 from pipeline.results import write_results
 from pipeline.rig import NO_MOUNT
 from pipeline.run import MapRun
@@ -85,6 +86,7 @@ def live_run(
 
         stereo_rig = stereo_rig.with_mount(Mount())
     settings = options.settings
+    warm_up(stereo_rig, settings)
     with capture(rig, recording, settings.odometry, tell) as session:
         assert session.tap is not None
         saver = MapSaver(output, on_map)

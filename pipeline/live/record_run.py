@@ -20,17 +20,20 @@ def record_run(
     rig: LiveRig,
     folder: Path,
     stop: threading.Event,
+    settings: OdometrySettings,
     duration: float | None = None,
     tell: Callable[[str], None] = lambda text: None,
     on_status: Callable[[Status], None] = lambda status: None,
 ) -> dict[str, Any]:
     """Record into `folder` until `stop` is set or `duration` seconds are over; what came of it.
 
+    settings: which readings of the wheels are believed; the raw log has them all.
+
     Raises:
         CameraError, OdometryError: a device cannot be opened; InputError: the folder cannot be
         written, or the disk became full: what was recorded is kept.
     """
-    with capture(rig, folder, OdometrySettings(), tell) as session:
+    with capture(rig, folder, settings, tell) as session:
         status = Status(session)
         session.start()
         begin = last = time.monotonic()
