@@ -141,8 +141,8 @@ def _add_ticks(recording: Recording, folder: Path) -> None:
         recording.skip("reading of the wheels cut short", lines[-1:])
         del lines[-1:]
     try:
-        recording.ticks = parse_tick_log("\n".join(lines), str(table))
         recording.encoders = encoder_parameters(read_fields(sensor), str(sensor))
+        recording.ticks = parse_tick_log("\n".join(lines), str(table))
     except (OdometryError, InputError) as error:
         recording.skip(BROKEN_TICKS, [str(error)])
 

@@ -37,6 +37,8 @@ def read_tick_table(path: Path, columns: str, unit: str | None, offset: float) -
         raise InputError(f"--ticks-columns {columns}: give three, as in time,left,right or 1,2,3")
     rows = [_fields(line, delimiter) for line in lines]
     header = [field.strip().lstrip("#").strip() for field in rows[0]]
+    if all(_NUMBER.fullmatch(field) for field in header):
+        header = [str(number) for number in range(1, len(header) + 1)]  # no names: by number
     indices = [_index(name, header, path) for name in names]
     scale = UNITS[unit or _unit_of(header[indices[0]])]
     shift = round(offset * 1e9)
