@@ -16,6 +16,7 @@ COMMANDS = {
     "record": ("record:record_command", "Record cameras and encoders."),
     "info": ("info:info_command", "Say what a recording or a scan log holds."),
     "calibrate": ("calibrate:calibrate", "Calibrate a new camera pair."),
+    "odometry": ("odometry:odometry", "Read, calibrate and check wheel encoders."),
     "rig": ("rig:rig", "Show, check and convert a rig file."),
     "stereo": ("stereo:stereo", "See what stereo makes of images; measure its sensor model."),
     "simulate": ("simulate:simulate", "Make recordings and scan logs with known truth."),

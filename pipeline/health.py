@@ -30,8 +30,9 @@ ANSWERED_WELL = 0.6
 
 # Odometry and path are compared over stretches of this travel [m], turns included.
 STRETCH = 1.0
-# Not from fewer of them, and with standard errors from so many blocks of neighbours, whose errors
-# hang together.
+# How far they part is told from more than FEW of them, systematic errors from more than LEAST,
+# with standard errors from so many blocks of neighbours, whose errors hang together.
+FEW_STRETCHES = 5
 LEAST_STRETCHES = 60
 BLOCKS = 20
 SIGNIFICANT = 3.0  # standard errors
@@ -53,6 +54,7 @@ def health_lines(mapper: HierarchicalMapper, sight: str, encoders: bool) -> list
         particles_line(steps, mapper.settings.particles),
         matching_line(steps),
         answers_line(steps, sight),
+        *agreement_lines(np.array(mapper.odometry), mapper.path()),
         *odometry_lines(errors, encoders),
     ]
 
@@ -172,6 +174,21 @@ def _inliers(A: np.ndarray, b: np.ndarray) -> np.ndarray:
     # 1.4826 median absolute deviations are one standard deviation of a normal distribution.
     scale = 1.4826 * float(np.median(off))
     return off <= OUTLIER * scale + 1e-9
+
+
+def agreement_lines(odometry: np.ndarray, path: np.ndarray) -> list[str]:
+    """How far odometry and the matched path, poses (n, 3), part over stretches of `STRETCH`."""
+    way = travelled(odometry)
+    ends = np.unique(np.searchsorted(way, np.arange(0.0, way[-1], STRETCH)))
+    if len(ends) <= FEW_STRETCHES:
+        return []
+    found, true = (_stretches(poses, ends) for poses in (odometry, path))
+    apart = np.median(np.hypot(*(found - true)[:, :2].T))
+    turned = np.degrees(np.median(np.abs(found[:, 2] - true[:, 2])))
+    return [
+        f"odometry and matched path part by {1000 * apart:.0f} mm and {turned:.1f} deg "
+        f"in {STRETCH:g} m (median of {len(ends) - 1} stretches)"
+    ]
 
 
 def odometry_lines(errors: OdometryErrors | None, encoders: bool) -> list[str]:

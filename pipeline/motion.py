@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from calibration.rig import StereoRig
-from odometry.encoders import encoder_parameters
+from odometry.encoders import EncoderParameters, encoder_parameters
 from odometry.poses import PoseOdometry
 from odometry.settings import OdometrySettings
 from odometry.source import EncoderOdometry, MotionSource
@@ -44,10 +44,18 @@ def _encoders(recording: Recording, rig: StereoRig, settings: OdometrySettings) 
             raise InputError("; ".join(broken))
         instead = "--motion poses" if recording.poses is not None else "--motion poses:FILE.tum"
         raise InputError(f"{recording.path}: holds no wheel ticks (odom0/data.csv): give {instead}")
-    parameters = recording.encoders
+    return EncoderOdometry(recording.ticks, wheels_of(recording, rig), settings)
+
+
+def wheels_of(recording: Recording, rig: StereoRig) -> EncoderParameters:
+    """The wheels as the rig has them, else as the recording does.
+
+    Raises:
+        InputError: neither does.
+    """
     if "encoders" in rig.sections:
-        parameters = encoder_parameters(rig.sections["encoders"], "rig: encoders")
-    if parameters is None:
+        return encoder_parameters(rig.sections["encoders"], "rig: encoders")
+    if recording.encoders is None:
         broken = "; ".join(recording.skipped.get(BROKEN_TICKS, []))
         raise InputError(broken or f"{recording.path}: wheel ticks without odom0/sensor.yaml")
-    return EncoderOdometry(recording.ticks, parameters, settings)
+    return recording.encoders

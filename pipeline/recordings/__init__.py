@@ -13,13 +13,16 @@ def open_input(path: Path, fps: float | None = None) -> Recording | ScanLog:
     """Open what lies at the path: a file is a scan log, a folder a recording.
 
     Raises:
-        InputError: it is neither; see `open_recording` and `carmen.read_carmen`.
+        InputError: it is neither; see `open_recording`, `read_carmen` and `read_mines`.
     """
+    from pipeline.recordings import mines
     from pipeline.recordings.carmen import read_carmen
     from pipeline.recordings.video import is_video
 
     if path.is_file() and is_video(path):
         return open_recording(path, fps)
+    if path.is_file() and mines.recognises(path):
+        return mines.read_mines(path)
     if path.is_file() or (path.suffix.lower() in ENDINGS and not path.is_dir()):
         return read_carmen(path)
     return open_recording(path, fps)
