@@ -12,13 +12,29 @@ from benchmarks import (
     logs,
     simulated,
     stereo_columns,
+    stereo_end_to_end,
+    stereo_floor,
+    stereo_model,
     stereo_pictures,
+    stereo_rendered,
+    stereo_rows,
     stereo_time,
+    stereo_walls,
 )
 
 TITLE = "# Benchmarks\n\nThis page is written by `make bench`, from the repository's root."
 
-stereo = (stereo_pictures, stereo_columns, stereo_time)
+stereo = (
+    stereo_pictures,
+    stereo_columns,
+    stereo_rendered,
+    stereo_floor,
+    stereo_walls,
+    stereo_rows,
+    stereo_time,
+    stereo_model,
+    stereo_end_to_end,
+)
 sections = (end_to_end, accuracy, *stereo, logs, calibration, simulated)
 page = "\n\n".join([TITLE, *(section.main() for section in sections)]) + "\n"
 print(page)

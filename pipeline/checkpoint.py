@@ -57,7 +57,9 @@ class _Record(msgspec.Struct, array_like=True):
     """An observation; arrays as their bytes (float64; points float32, colours uint8)."""
 
     stamp: int
+    kind: str
     damage: str
+    brightness: float = 1.0
     origin: tuple[float, float, float] | None = None
     max_range: float = 0.0
     bearing: bytes | None = None  # None: that of the record before
@@ -184,12 +186,13 @@ def _records(file: BinaryIO) -> list[_Record]:
 
 def _as_record(stamp: int, seen: Observation) -> _Record:
     if seen.scan is None:
-        return _Record(stamp, seen.damage)
+        return _Record(stamp, seen.kind, seen.damage)
     scan = seen.scan
     bearing, ranges, sigma = (
         np.asarray(a, np.float64).tobytes() for a in (scan.bearing, scan.range, scan.sigma)
     )
-    record = _Record(stamp, "", scan.origin, scan.max_range, bearing, ranges, sigma)
+    record = _Record(stamp, "", "", seen.brightness, scan.origin, scan.max_range)
+    record.bearing, record.range, record.sigma = bearing, ranges, sigma
     if seen.points is not None and seen.colours is not None:
         record.points = np.asarray(seen.points, np.float32).tobytes()
         record.colours = seen.colours.tobytes()
@@ -198,16 +201,16 @@ def _as_record(stamp: int, seen: Observation) -> _Record:
 
 def _observation(record: _Record) -> Observation:
     if record.origin is None:
-        return Observation(None, record.damage)
+        return Observation(None, record.kind, record.damage)
     bearing, ranges, sigma = (
         np.frombuffer(a or b"").copy() for a in (record.bearing, record.range, record.sigma)
     )
     scan = RangeScan(record.stamp, record.origin, bearing, ranges, sigma, record.max_range)
     if record.points is None or record.colours is None:
-        return Observation(scan)
+        return Observation(scan, brightness=record.brightness)
     points = np.frombuffer(record.points, np.float32).reshape(-1, 3)
     colours = np.frombuffer(record.colours, np.uint8).reshape(-1, 3)
-    return Observation(scan, points=points, colours=colours)
+    return Observation(scan, "", "", record.brightness, points, colours)
 
 
 def _if_new(bearing: bytes | None, before: bytes | None) -> bytes | None:

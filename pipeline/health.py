@@ -7,7 +7,7 @@ over- or underestimate distance or rotation against the matched motion.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,8 @@ from mapping.mapper import HierarchicalMapper
 from mapping.particle_filter import FilterHealth
 from mapping.path import travelled
 from odometry.motion import compose, inverse
+from pipeline.frontend import UNREADABLE
+from stereo.pair_check import BLACK, LEFT_COVERED, RIGHT_COVERED, SAME, SATURATED
 
 # A step in which fewer than this share of the particles carry the weight has lost most of them;
 # one after a loop closed is the filter at work, many are a filter that is starved.
@@ -27,6 +29,16 @@ OFTEN = 0.25
 HALF = 0.5
 SELDOM = 0.02
 ANSWERED_WELL = 0.6
+
+# Cameras whose images differ more in brightness are not set alike; what they see differs less.
+UNEQUAL = 1.5
+REMEDIES = {
+    BLACK: "take off the lens caps, or give more light or exposure",
+    SATURATED: "lower the exposure or the gain, or keep the cameras out of the light",
+    LEFT_COVERED: "uncover or clean its lens, check its cable",
+    RIGHT_COVERED: "uncover or clean its lens, check its cable",
+    SAME: "one camera was recorded twice: give the other one's images",
+}
 
 # Odometry and path are compared over stretches of this travel [m], turns included.
 STRETCH = 1.0
@@ -105,6 +117,28 @@ def answers_line(steps: Sequence[FilterHealth], sight: str) -> str:
     if sight == "columns":
         return f"{line}: more light or texture, a cleaner lens, or a new calibration would help"
     return f"{line}: where maximum readings mean open space, set laser.maximum=free"
+
+
+def image_lines(skipped: Mapping[str, Sequence[str]], brightness: Sequence[float]) -> list[str]:
+    """What was wrong with the images, and its remedy; nothing where all were in order.
+
+    skipped: names of pairs that were passed over, by reason; brightness: of the left image over
+    the right one, for each observation.
+    """
+    lines = []
+    for reason, names in skipped.items():
+        if reason in REMEDIES:
+            lines.append(f"{reason} in {_pairs(names)} (e.g. {names[0]}): {REMEDIES[reason]}")
+        elif reason == UNREADABLE:
+            lines.append(f"{_pairs(names)} could not be used, e.g. {names[0]}")
+    ratio = float(np.median(brightness)) if len(brightness) else 1.0
+    if max(ratio, 1.0 / ratio) > UNEQUAL:
+        side, times = ("left", ratio) if ratio > 1.0 else ("right", 1.0 / ratio)
+        lines.append(
+            f"the {side} images are {times:.1f} times as bright as the others: give both cameras "
+            "the same exposure and gain"
+        )
+    return lines
 
 
 @dataclass(frozen=True)
@@ -220,6 +254,10 @@ def odometry_lines(errors: OdometryErrors | None, encoders: bool) -> list[str]:
     if not encoders:
         lines[-1] += ": calibrate the robot's odometry, or doubt it more (odometry.heading, .along)"
     return lines
+
+
+def _pairs(names: Sequence[str]) -> str:
+    return "1 pair" if len(names) == 1 else f"{len(names)} pairs"
 
 
 def _estimates(error: float) -> str:

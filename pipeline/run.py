@@ -18,10 +18,12 @@ from odometry.motion import Motion
 from odometry.source import MotionSource
 from pipeline.checkpoint import NOTHING, Observations
 from pipeline.errors import InputError
-from pipeline.frontend import Observation, ahead, observe
+from pipeline.frontend import UNREADABLE, Observation, ahead, observe
+from pipeline.health import REMEDIES
 from pipeline.recordings.base import DamagedFrameError, Pair, Recording, image_size
 from pipeline.settings import Settings
 from stereo.errors import StereoError
+from stereo.pair_check import check_pair
 from stereo.ranger import StereoRanger
 
 # A key frame of the point cloud is taken after this travel [m] or turn [rad].
@@ -50,7 +52,8 @@ class KeyFrame:
 class MapRun:
     """All that a run found out; `pipeline.results` writes it down.
 
-    unit: what the input consists of; key_frames: None where there are no images.
+    unit: what the input consists of; key_frames: None where there are no images; brightness: of
+    each observation, the left image over the right one.
     """
 
     mapper: HierarchicalMapper
@@ -58,6 +61,7 @@ class MapRun:
     key_frames: list[KeyFrame] | None = field(default_factory=list)
     counts: Counter[str] = field(default_factory=Counter)
     skipped: dict[str, list[str]] = field(default_factory=dict)
+    brightness: list[float] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=lambda: defaultdict(float))
     partial: bool = False
 
@@ -174,9 +178,10 @@ def take(step: Step, seen: Observation | None, run: MapRun) -> None:
     run.seconds["reading"] += seen.seconds_reading
     run.seconds["stereo"] += seen.seconds_stereo
     if seen.scan is None:
-        run.counts["unreadable pairs"] += 1
-        run.skipped.setdefault("unreadable pair", []).append(seen.damage)
+        run.counts[f"{UNREADABLE}s" if seen.kind == UNREADABLE else "useless pairs"] += 1
+        run.skipped.setdefault(seen.kind, []).append(seen.damage)
         return
+    run.brightness.append(seen.brightness)
     run.counts["observations"] += 1
     run.mapper.observe(seen.scan)
     if run.key_frames is not None and seen.points is not None and seen.colours is not None:
@@ -194,10 +199,12 @@ def make_ranger(rig: StereoRig, settings: Settings) -> StereoRanger:
 
 
 def _why(run: MapRun) -> str:
-    if run.counts["unreadable pairs"]:
-        return f"{run.counts['unreadable pairs']} unreadable, e.g. " + next(
-            iter(run.skipped["unreadable pair"])
-        )
+    if run.skipped:
+        kind, names = max(run.skipped.items(), key=lambda item: len(item[1]))
+        if kind == UNREADABLE:
+            return f"{len(names)} unreadable, e.g. {names[0]}"
+        if kind in REMEDIES:
+            return f"{kind} in {len(names)}, e.g. {names[0]}: {REMEDIES[kind]}"
     return "the motion source knows nothing about the time of the images (compare the stamps)"
 
 
@@ -215,7 +222,10 @@ def check_images(recording: Recording, rig: StereoRig, ranger: StereoRanger) -> 
     looks = []
     for index in sorted(set(indices.tolist())):
         try:
-            looks.append(ranger.looks_swapped(recording.pairs[index].load()))
+            pair = recording.pairs[index].load()
+            # Pairs that are no stereo at all tell nothing; they are counted in their turn, too.
+            if not check_pair(pair.left, pair.right).defect:
+                looks.append(ranger.looks_swapped(pair))
         except (DamagedFrameError, StereoError):
             continue  # damaged pairs are counted when their turn comes
     if looks and sum(looks) * 2 > len(looks):

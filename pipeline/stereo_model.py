@@ -44,6 +44,7 @@ from stereo.ranger import StereoRanger
 from stereo.scan import RangeScan
 
 TWO_SIGMA = 1.959964
+STAMPS = "do the stamps of both agree?"
 
 Progress = Callable[[int, int], None]
 
@@ -131,7 +132,7 @@ def examine(
     for done, (_, found) in enumerate(ahead(files, work, threads), start=1):
         progress(done, len(files))
         if found.scan is None:
-            skipped.setdefault("unreadable pair", []).append(found.damage)
+            skipped.setdefault(found.kind, []).append(found.damage)
             continue
         true = truth(found.scan)
         if true is None:
@@ -142,7 +143,7 @@ def examine(
     if not seen:
         raise InputError(
             f"{recording.path}: none of {len(files)} pairs has both a scan and a true one: "
-            + next(iter(skipped.get("unreadable pair", [])), "do the stamps of both agree?")
+            + next((f"{kind}: {names[0]}" for kind, names in skipped.items()), STAMPS)
         )
     return Examined(_compared(seen, ranger, cell), np.array(cells), counts, skipped)
 

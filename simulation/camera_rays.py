@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import cv2
 import numpy as np
 
@@ -65,16 +63,18 @@ def distort(camera: CameraModel, points: np.ndarray) -> np.ndarray:
     return cv2.projectPoints(ahead, zero, zero, camera.K, camera.D)[0].reshape(-1, 2)
 
 
-def camera_poses(rig: StereoRig, pose: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-    """(rotation (3, 3), position (3,)) of the left and the right camera in the world.
+def camera_poses(rig: StereoRig, poses: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """(rotation (..., 3, 3), position (..., 3)) of the left and the right camera in the world.
 
-    A rotation carries a direction in the camera's frame to the world's; `rig.mount` must be set.
+    poses: (..., 3) of the robot, x m, y m, theta rad. A rotation carries a direction in the
+    camera's frame to the world's; `rig.mount` must be set.
     """
-    x, y, theta = pose
-    c, s = math.cos(theta), math.sin(theta)
-    world_from_robot = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     assert rig.mount is not None
+    x, y, theta = np.moveaxis(np.asarray(poses, float), -1, 0)
+    c, s, zero, one = np.cos(theta), np.sin(theta), np.zeros_like(theta), np.ones_like(theta)
+    turns = [np.stack(row, axis=-1) for row in ((c, -s, zero), (s, c, zero), (zero, zero, one))]
+    world_from_robot = np.stack(turns, axis=-2)
     left = world_from_robot @ rig.mount.rotation
-    position = world_from_robot @ rig.mount.position + (x, y, 0.0)
+    position = world_from_robot @ rig.mount.position + np.stack([x, y, zero], axis=-1)
     right = left @ rig.R.T
     return [(left, position), (right, position - right @ rig.T)]

@@ -66,8 +66,8 @@ class Gloss(NamedTuple):
 # surfaces of a pane reflect 4 % each.
 GLOSS = {
     "vinyl": Gloss(0.04, 0.55, 0.012),
-    "lino": Gloss(0.03, 0.25, 0.04),
-    "parquet": Gloss(0.03, 0.30, 0.03),
+    "lino": Gloss(0.03, 0.22, 0.012),
+    "parquet": Gloss(0.03, 0.30, 0.012),
     "tiles": Gloss(0.04, 0.60, 0.01),
     "gloss_black": Gloss(0.04, 0.90, 0.003),
     "glass": Gloss(0.08, 1.0, 0.0),

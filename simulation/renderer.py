@@ -99,34 +99,34 @@ class StereoRenderer:
         directions = self._directions[camera]
         height, width, samples = directions.shape[:3]
         light = np.empty((height, width), np.float32)
-        moments = self._moments(pose_at, time, samples)
+        rounds = self._moments(pose_at, time, samples)
         for rows, times in self._blocks(camera, time):
             total = np.zeros((times.size, width))
-            for step, moment in enumerate(moments):
-                # While the shutter is open each moment takes the next of a pixel's samples.
-                chosen = directions[rows]
-                if len(moments) > 1:
-                    chosen = chosen[:, :, step % samples, None]
-                rays = self._rays(camera, chosen, pose_at(times + moment))
+            for moments in rounds:
+                moments = times[:, None] + moments
+                rays = self._rays(camera, directions[rows], pose_at(moments.ravel()))
                 rays = rays.reshape(-1, *rays.shape[2:])
-                middle = float((times + moment).mean())
-                seen = self.tracer.linear(rays, self._angles[camera], middle)
+                seen = self.tracer.linear(rays, self._angles[camera], float(moments.mean()))
                 total += seen.reshape(total.shape)
-            light[rows] = total / len(moments)
+            light[rows] = total / len(rounds)
         return light
 
     def _moments(self, pose_at: PoseAt, time: float, samples: int) -> np.ndarray:
-        """Times of the sub-exposures about the middle of a row's exposure [s]: a multiple of
-        `samples`, and as many as keep what moves in the image together."""
+        """(rounds, samples) s, or (1, 1) with no shutter: when each of a pixel's samples looks,
+        about the middle of its row's exposure. As many rounds as keep what moves together, and an
+        even number, forth and back, so that no sample is the late one."""
         shutter = self.faults.shutter
         if not shutter:
-            return np.zeros(1)
+            return np.zeros((1, 1))
         ends = pose_at(time + 0.5 * shutter * np.array([-1.0, 1.0]))
         x, y, turn = np.abs(ends[1] - ends[0])
         motion = self.rig.left.fx * (turn + math.hypot(x, y) / NEAR)
-        rounds = math.ceil(min(max(motion / BLUR_STEP, 4), MOST_STEPS) / samples)
-        steps = rounds * samples
-        return shutter * ((np.arange(steps) + 0.5) / steps - 0.5)
+        steps = min(motion / BLUR_STEP, MOST_STEPS)
+        rounds = 2 * max(1, math.ceil(steps / (2 * samples)))
+        moments = shutter * ((np.arange(rounds * samples) + 0.5) / (rounds * samples) - 0.5)
+        moments = moments.reshape(rounds, samples)
+        moments[1::2] = moments[1::2, ::-1]
+        return moments
 
     def _blocks(self, camera: int, time: float) -> Iterator[tuple[slice, np.ndarray]]:
         """Rows of one camera's image, and the middles of their exposures [s]."""
@@ -138,10 +138,12 @@ class StereoRenderer:
             yield rows, times[rows]
 
     def _rays(self, camera: int, directions: np.ndarray, poses: np.ndarray) -> np.ndarray:
-        """Rays (h, W, k, 6) float32 of `directions` (h, W, k, 3), each row from its own pose."""
-        views = [camera_poses(self.rig, pose)[camera] for pose in poses]
-        rotations = np.array([view[0] for view in views], np.float32)
-        positions = np.array([view[1] for view in views], np.float32)
+        """Rays (h, W, k, 6) float32 of `directions` (h, W, k, 3), each row from its own pose, or
+        each of its samples: poses (h, 3) or (h * k, 3)."""
+        h, _, k = directions.shape[:3]
+        rotations, positions = camera_poses(self.rig, poses.reshape(h, -1, 3))[camera]
+        rotations = np.broadcast_to(rotations, (h, k, 3, 3)).astype(np.float32)
+        positions = np.broadcast_to(positions, (h, k, 3)).astype(np.float32)
         return placed(directions, rotations, positions)
 
 
@@ -153,14 +155,14 @@ def standing(pose: np.ndarray) -> PoseAt:
 
 @njit(cache=True, nogil=True)
 def placed(directions, rotations, positions):
-    """Rays (h, W, k, 6) float32 in the world: row i of the directions (h, W, k, 3) turned by
-    rotations[i] and starting at positions[i]."""
+    """Rays (h, W, k, 6) float32 in the world: the directions (h, W, k, 3) of sample s of row i
+    turned by rotations[i, s] (3, 3) and starting at positions[i, s] (3,)."""
     h, width, samples, _ = directions.shape
     rays = np.empty((h, width, samples, 6), np.float32)
     for i in range(h):
-        R, p = rotations[i], positions[i]
         for j in range(width):
             for s in range(samples):
+                R, p = rotations[i, s], positions[i, s]
                 x, y, z = directions[i, j, s]
                 for axis in range(3):
                     rays[i, j, s, axis] = p[axis]

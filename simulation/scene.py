@@ -19,7 +19,8 @@ movers:                             # models that walk along a path and back; th
   - {model: person, path: [[1, 6], [9, 6]], speed: 0.8}
 route: {speed: 0.34, turn_rate: 27, fillet: 0.6, waypoints: [[1, 1], [11, 1], [11, 3]]}
 
-`walls`, `glazing`, `models` and `movers` may be left out. A room may also be a floor plan of
+`walls`, `glazing`, `models` and `movers` may be left out; so may `light: coarse`, which bakes light
+faster and leaves faint clouds on walls. A room may also be a floor plan of
 simulation/worlds, or a world file, stood up: `room: {world: flat, height: 2.5, floor: ...}`; then
 `furniture: {desk: {material: wood, height: 0.75}, ...}` says how its furniture looks, and the
 route's waypoints and fillet are the world's unless given. Materials: see materials.py.
@@ -65,14 +66,15 @@ SURFACES = ("floor", "walls", "ceiling")
 
 @dataclass(frozen=True)
 class Scene:
-    """A place of `size` (length, width, height) m, its boxes (walls included), the route, and the
-    movers, which are not among the boxes."""
+    """A place of `size` (length, width, height) m, its boxes (walls included), the route, the
+    movers, which are not among the boxes, and how its light is baked."""
 
     name: str
     size: tuple[float, float, float]
     boxes: tuple[Box, ...]
     route: Route
     movers: tuple[Mover, ...] = ()
+    coarse_light: bool = False
 
     def faces(self) -> Faces:
         """The faces of every box; a box's seed is its place in the list."""
@@ -114,7 +116,7 @@ def scene_from_dict(data: Any, source: str) -> Scene:
     """A `Scene` from the parsed content of a scene file; `source` is named in errors."""
     if not isinstance(data, dict) or data.get("beemap_scene") != 1:
         raise SceneError(f"{source}: not a scene file (no 'beemap_scene: 1' in it)")
-    optional = {"walls", "glazing", "models", "movers", "furniture"}
+    optional = {"walls", "glazing", "models", "movers", "furniture", "light"}
     top = fields(data, source, {"beemap_scene", "room", "objects", "route"}, optional)
     size, boxes, route = _room(top, source)
     for part, build in (("walls", wall), ("glazing", glazing)):
@@ -126,7 +128,10 @@ def scene_from_dict(data: Any, source: str) -> Scene:
     walkers = entries(top["movers"], f"{source}: movers") if "movers" in top else []
     movers = tuple(_mover(entry, place, models) for place, entry in walkers)
     way = _route(top["route"], f"{source}: route", size, route)
-    return Scene(Path(source).stem, size, tuple(boxes), way, movers)
+    light = top.get("light", "smooth")
+    if light not in ("smooth", "coarse"):
+        raise SceneError(f"{source}: light: {light!r} unknown: give smooth or coarse")
+    return Scene(Path(source).stem, size, tuple(boxes), way, movers, light == "coarse")
 
 
 def _room(

@@ -110,14 +110,14 @@ def schlick(cosine, facing, grazing):
 
 @njit(cache=True, nogil=True)
 def scatter(
-    rays, sample, share, width, spread, depth, face, own, cover, surface, gloss, tilt, sums
+    rays, sample, share, width, spread, depth, face, own, cover, surface, gloss, mirrors, sums
 ):
     """Add what m beams see to `sums` (per sample), and send on what is mirrored or let through.
 
     own, cover (m,): light of the surface itself, and how much of it is opaque; surface (f, 9): u
-    axis, v axis and normal of all faces; gloss (f, 3): their facing, grazing, blur; tilt (k, 2):
-    by how many blurs the mirror is tilted for each of a pixel's k samples. Returns the parts of
-    `Beams` for the next round.
+    axis, v axis and normal of all faces; gloss (f, 3): their facing, grazing, blur; mirrors
+    (k, 3): for each of a pixel's k samples, how much its mirrored ray counts, and by how many blurs
+    the mirror is tilted. Returns the parts of `Beams` for the next round.
     """
     new_rays = np.empty((2 * len(face), 6), np.float32)
     new_sample = np.empty(2 * len(face), np.int64)
@@ -147,9 +147,11 @@ def scatter(
             new_sample[count] = sample[i]
             values[0, count], values[1, count], values[2, count] = through, here, spread[i]
             count += 1
-        if share[i] * mirrored > LEAST:
-            a = gloss[f, 2] * tilt[sample[i] % len(tilt), 0]
-            b = gloss[f, 2] * tilt[sample[i] % len(tilt), 1]
+        which = sample[i] % len(mirrors)
+        reflected = share[i] * mirrored * mirrors[which, 0]
+        if reflected > LEAST:
+            a = gloss[f, 2] * mirrors[which, 1]
+            b = gloss[f, 2] * mirrors[which, 2]
             stretch = math.sqrt(1.0 + a * a + b * b)
             along = 0.0
             for axis in range(3):
@@ -164,7 +166,7 @@ def scatter(
                 new_rays[count, axis] = hit + side * LIFT * surface[f, 6 + axis]
                 new_rays[count, 3 + axis] = rays[i, 3 + axis] - 2.0 * along * n / stretch
             new_sample[count] = sample[i]
-            values[0, count], values[1, count] = share[i] * mirrored, here
+            values[0, count], values[1, count] = reflected, here
             values[2, count] = spread[i] + gloss[f, 2] * length
             count += 1
     return new_rays[:count], new_sample[:count], values[:, :count]

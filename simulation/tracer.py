@@ -7,6 +7,7 @@ rays go on, round by round, until what is left of them does not count.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +21,7 @@ from simulation.shading import EXPOSURE, GAMMA, Beams, land, light_at, scatter
 from simulation.textures import reflectances
 
 ROUNDS = 8  # hits of one ray, at most
-TILE = 16384  # pixels traced at a time: what they need stays in the processor's cache
+TILE = 32768  # pixels traced at a time: what they need stays in the processor's cache
 # Light on movers by the way a face looks, in units of the floor's mean: sides, top, bottom.
 MOVER_LIGHT = (0.55, 0.9, 0.15)
 
@@ -32,7 +33,8 @@ class Tracer:
         self._movers = scene.movers
         self._parts = scene.mover_faces()
         faces = scene.faces()
-        self._still = _Stage(faces, bake(faces), RayCaster(faces))
+        self._still = _Stage(faces, bake(faces, scene.coarse_light), RayCaster(faces))
+        self._latest = (math.nan, self._still)
 
     def grey(self, rays: np.ndarray, angle: float, time: float = 0.0) -> np.ndarray:
         """Grey levels (n,) float32, 0 to 255, of n pixels; see `linear`."""
@@ -60,12 +62,17 @@ class Tracer:
     def _at(self, time: float) -> _Stage:
         if not self._movers:
             return self._still
-        return self._still.joined(
-            [
-                part.placed(*mover.pose(time))
-                for mover, part in zip(self._movers, self._parts, strict=True)
-            ]
-        )
+        # Read and written as one, so that threads at different times do not mix them up.
+        moment, stage = self._latest
+        if moment != time:
+            stage = self._still.joined(
+                [
+                    part.placed(*mover.pose(time))
+                    for mover, part in zip(self._movers, self._parts, strict=True)
+                ]
+            )
+            self._latest = (time, stage)
+        return stage
 
 
 def to_grey(linear: np.ndarray) -> np.ndarray:
@@ -73,12 +80,21 @@ def to_grey(linear: np.ndarray) -> np.ndarray:
     return (255.0 * np.minimum(linear, 1.0) ** (1.0 / GAMMA)).astype(np.float32)
 
 
-def tilts(k: int) -> np.ndarray:
-    """(k, 2) points of a disc, a Fibonacci spiral from its middle on: how a pixel's samples share
-    the blur of a reflection. The same for every pixel, so that nothing sticks to the image."""
+def mirrors(k: int) -> np.ndarray:
+    """(k, 3) of a pixel's k samples: how much the ray counts that it mirrors, and by how many blurs
+    (x, y) the mirror is tilted for it.
+
+    Every other sample stands for its neighbour too, as reflections are faint. The tilts are a
+    Fibonacci spiral, the same for every pixel, so that nothing sticks to the image.
+    """
     i = np.arange(k)
-    angle = i * np.pi * (3.0 - np.sqrt(5.0))
-    return np.sqrt(i / k)[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    side = max(math.isqrt(k), 1)
+    used = (i // side + i % side) % 2 == 0
+    turn = np.cumsum(used) - 1
+    angle = turn * np.pi * (3.0 - np.sqrt(5.0))
+    radius = np.sqrt(turn / used.sum())
+    tilt = radius * np.cos(angle), radius * np.sin(angle)
+    return np.stack([used * (k / used.sum()), *tilt], axis=1)
 
 
 class _Stage(NamedTuple):
@@ -101,6 +117,7 @@ class _Stage(NamedTuple):
         faces, light = self.faces, self.light
         gloss = _GLOSS[faces.material]
         surface = np.concatenate([faces.u_axis, faces.v_axis, faces.normal], axis=1)
+        kept = mirrors(k)
         sums = np.zeros(len(rays))
         beams = Beams.first(rays, angle)
         for _ in range(ROUNDS):
@@ -109,7 +126,7 @@ class _Stage(NamedTuple):
             own, cover = reflectances(face, u, v, width, faces.material, faces.size, faces.seed)
             own *= light_at(face, u, v, faces.size, light.values, light.first, light.shape)
             rays, sample, values = scatter(
-                *beams, depth, face, own, cover, surface, gloss, tilts(k), sums
+                *beams, depth, face, own, cover, surface, gloss, kept, sums
             )
             if not len(rays):
                 break

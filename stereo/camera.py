@@ -56,6 +56,10 @@ class CapturedPair:
         """What the pair is called in messages."""
         return str(self.stamp)
 
+    def where(self, right: bool) -> str:
+        """Which image of it."""
+        return f"{'right' if right else 'left'} image of {self.stamp}"
+
     def load(self) -> StereoPair:
         """Decode both images. Raises StereoError for a damaged one."""
         left = self.left.decode()

@@ -1,8 +1,8 @@
 """The inner loops of columns to ranges: disparities gathered by bearing, the nearest that stands.
 
-Two kinds of pixels are counted apart. All that SGBM answers *fill* the columns; those with a
-gradient of their own are *firm*: across a blank surface SGBM passes on what it found at the
-surface's edges, right or wrong.
+Pixels are counted, and weighed by what they show: across a blank surface SGBM passes on what it
+found at the surface's edges, right or wrong, and only a gradient beyond the image's noise is
+evidence of its own.
 """
 
 from __future__ import annotations
@@ -19,35 +19,40 @@ NEIGHBOURS = 4
 LEAST_ALIKE = 2
 # Roughness of a column without enough neighbours on either side [px].
 LONELY = 0.5
-KK = 3.0
-ZZ = 4.0
+# A pixel's evidence ends at a gradient of so many times the noise: many pixels must agree.
+FULL = 3.0
+# Evidence [noise^2] wanted for each pixel needed, and in standard deviations of pure noise.
+EVIDENCE = 3.0
+BEYOND_NOISE = 4.0
 
 
 @njit(cache=True, nogil=True)
-def gather(disparity, gradients, seen, rotation, intrinsics, height, band, noise2, bins):
+def gather(disparity, gradients, seen, rotation, intrinsics, height, band, noise, bins):
     """Pixels in the height band by column and whole disparity.
 
-    disparity (H, W) int16 sixteenths; gradients (H, W) int16 across the rectified left image;
-    seen (4, H) as `Rectifier.seen`; rotation (3, 3) from the camera to the level sensor frame; intrinsics f,
-    f_rows, cx, cy, baseline; height of the camera [m]; band lowest, highest [m], tangent of the
-    tilt's doubt, noise [px]; texture: least gradient of a firm pixel.
+    disparity (H, W) int16 sixteenths; gradients (H, W) int16 across the rectified left image and
+    their noise; seen (4, H) as `Rectifier.seen`; rotation (3, 3) from the camera to the level
+    sensor frame; intrinsics f, f_rows, cx, cy, baseline; height of the camera [m]; band lowest,
+    highest [m], tangent of the tilt's doubt, noise of a disparity [px].
 
-    Returns filled, firm (W, bins) int32; nearness, energy (W, bins) float64: the sums of 1/range
-    and of squared gradients of the firm pixels.
+    Returns filled (W, bins) int32, the number of pixels; evidence (W, bins), by how much their
+    squared gradients exceed the noise, in units of its square; weights and nearness (W, bins),
+    the sums of those squares and of squares over range; energy (W, bins), of squares without
+    bound; closest (W,), the greatest 1/range of any pixel.
     """
     f, f_rows, cx, cy, baseline = intrinsics
-    low, high, tilt, noise = band
-    least = noise2
-    most = 9.0 * noise2
+    low, high, tilt, doubt_of_match = band
+    least, full = noise * noise, (FULL * noise) ** 2
     # Floor seen through a tilt or a disparity error must not become an obstacle: both raise it
     # in proportion to the depth.
-    doubt = 3.0 * math.hypot(tilt, height * noise / (f * baseline))
+    doubt = 3.0 * math.hypot(tilt, height * doubt_of_match / (f * baseline))
     rows, columns = disparity.shape
     filled = np.zeros((columns, bins), np.int32)
     evidence = np.zeros((columns, bins), np.float64)
     weights = np.zeros((columns, bins), np.float64)
     nearness = np.zeros((columns, bins), np.float64)
     energy = np.zeros((columns, bins), np.float64)
+    closest = np.zeros(columns, np.float64)
     for v in range(rows):
         y = (v - cy) / f_rows
         ahead, left, above = (
@@ -73,26 +78,27 @@ def gather(disparity, gradients, seen, rotation, intrinsics, height, band, noise
             column = round(cx - f * Y / X)
             if not 0 <= column < columns:
                 continue
+            near = 1.0 / math.sqrt(X * X + Y * Y)
+            closest[column] = max(closest[column], near)
             bin_ = min(round(d), bins - 1)
-            filled[column, bin_] += 1
             square = float(gradients[v, u]) ** 2
-            weight = min(square, most)
+            weight = min(square, full)
+            filled[column, bin_] += 1
             evidence[column, bin_] += weight / least - 1.0
             weights[column, bin_] += weight
-            nearness[column, bin_] += weight / math.sqrt(X * X + Y * Y)
+            nearness[column, bin_] += weight * near
             energy[column, bin_] += square
-    return filled, evidence, weights, nearness, energy
+    return filled, evidence, weights, nearness, energy, closest
 
 
 @njit(cache=True, nogil=True)
-def nearest_standing(
-    filled, evidence, weights, nearness, energy, needed, veto, one_surface, max_range
-):
+def nearest_standing(filled, evidence, weights, nearness, energy, needed, veto, one_surface):
     """Range (W,) [m], pixels behind it (W,), energy (W,) of the column's own gradients there.
 
-    needed (bins,): firm pixels that an obstacle at that disparity must show in three columns and
-    two disparities. Where `veto` times as many are filled in, and no firm one follows within
-    `one_surface` of the disparity, a blank obstacle may stand: unknown.
+    The first five as `gather` returns them; needed (bins,): pixels that an obstacle at that
+    disparity must show in three columns. Where `veto` times as many are filled in, and nothing
+    with evidence follows within `one_surface` of the disparity, a blank obstacle may stand:
+    unknown.
     """
     columns, bins = filled.shape
     ranges = np.full(columns, np.nan)
@@ -106,10 +112,9 @@ def nearest_standing(
                 break
             if filled[u, d] == 0:
                 continue
-            window = slice(max(d - 2, 0), d + 1)
-            filling = filled[first:last, window].sum()
-            found = evidence[first:last, window].sum()
-            if found < KK * needed[d] or found < ZZ * math.sqrt(2.0 * filling):
+            pixels = filled[first:last, max(d - 2, 0) : d + 1].sum()
+            found = evidence[first:last, max(d - 2, 0) : d + 1].sum()
+            if found < max(EVIDENCE * needed[d], BEYOND_NOISE * math.sqrt(2.0 * pixels)):
                 filling = filled[first:last, d - 1 : d + 1].sum()
                 if blank == 0 and filling >= veto * needed[d]:
                     blank = d
@@ -119,12 +124,11 @@ def nearest_standing(
             if d > 1 and weights[first:last, d - 2 : d].sum() > weight:
                 d -= 1
                 weight = weights[first:last, d - 1 : d + 1].sum()
-            pixels = filling
-            r = weight / nearness[first:last, d - 1 : d + 1].sum()
-            ranges[u] = np.inf if r > max_range else r
-            support[u] = pixels
-            outline[u] = energy[u, d - 1 : d + 1].sum()
-            break
+            if weight > 0.0:
+                ranges[u] = weight / nearness[first:last, d - 1 : d + 1].sum()
+                support[u] = pixels
+                outline[u] = energy[u, d - 1 : d + 1].sum()
+                break
     return ranges, support, outline
 
 

@@ -1,9 +1,10 @@
 """Nearest obstacle per column: disparity -> range in every bearing, with its doubt (Sec. II-A).
 
     gather the pixels of the height band by bearing and disparity
-    nearest disparity that enough pixels with a gradient of their own agree upon
+    nearest disparity for which the image itself shows evidence
+    drop what repeats or is blank: another disparity would match as well
     trim what block matching fattens; drop what no neighbour confirms
-    sigma: noise of matching and disagreement of neighbouring columns, through the geometry
+    sigma: from how much agrees, how distinctly, how roughly; through the geometry
 
 The nearest pixel of a column is often a false match. Support 1 is the paper's plain nearest depth.
 """
@@ -17,30 +18,36 @@ import cv2
 import numpy as np
 
 from stereo.column_kernels import confirm, gather, nearest_standing, trim_outlines
+from stereo.distinctness import margins
+from stereo.image_noise import gradient_noise
 from stereo.rectify import RectifiedCamera
 from stereo.settings import StereoSettings
 
-# Sobel's operator sums so many differences over two pixels.
-SOBEL = 4.0
-# An obstacle so high [m] must be seen; of its pixels in three columns, this share be firm.
+# An obstacle so high [m] must be seen; of its pixels in three columns, this share.
 LEAST_HEIGHT = 0.03
 LEAST_SHARE = 0.6
-# So many times that, filled in across a blank surface before a firm one: something may stand there.
+# So many times that, filled in across a blank surface before a sure one: something may stand there.
 VETO = 2.0
-# Filled and firm pixels are of one surface within this share of the disparity (at least 1 px).
+# Disparities within this share of each other (at least 1 px) may be of one surface.
 ONE_SURFACE = 0.1
+# The best rival must cost so many times as much as the match.
+DISTINCT = 1.12
 # The outline of a surface is sought in its last so many columns: block and support fatten by 3.
 OUTLINE = 4
 # Ranges differing by more than this factor belong to different surfaces.
 STEP = 1.1
+TINY = 1e-9
+# Variance of a disparity in units of noise^2: what is always there, what a match by AT_MARGIN
+# over its rival adds, and what AT_SUPPORT pixels do. Fitted to the rendered recordings.
+ALWAYS, AT_MARGIN, AT_SUPPORT = 0.16, 0.52, 144.0
 # Disagreement with the neighbouring columns counts so many times: it is seen less than it is.
-ROUGHNESS = 1.5
+ROUGHNESS = 1.8
 
 
 @dataclass(frozen=True)
 class Columns:
     """Of each image column, left to right, (W,) each: range and sigma [m] as in a `RangeScan`,
-    support: the firm pixels in three columns that agree on it."""
+    support: the pixels in three columns that agree on it."""
 
     range: np.ndarray
     sigma: np.ndarray
@@ -49,7 +56,7 @@ class Columns:
 
 def nearest_per_column(
     disparity: np.ndarray,
-    image: np.ndarray,
+    images: tuple[np.ndarray, np.ndarray],
     seen: np.ndarray,
     camera: RectifiedCamera,
     settings: StereoSettings,
@@ -58,63 +65,72 @@ def nearest_per_column(
 ) -> Columns:
     """The nearest obstacle in each image column.
 
-    disparity: (H, W) int16, sixteenths of a pixel, negative = no match; image: (H, W) uint8, the
-    rectified left one; seen: see `Rectifier.seen`. Ranges are horizontal distances from the
-    camera; NaN where too few pixels answer or a blank surface may stand before them, +inf where
-    those that answer all lie beyond `max_range`.
+    disparity: (H, W) int16, sixteenths of a pixel, negative = no match; images: (H, W) uint8, the
+    rectified pair; seen: see `Rectifier.seen`. Ranges are horizontal distances from the camera;
+    NaN where too little answers, a blank surface may stand before what does, or another range
+    would match as well; +inf where what answers lies beyond `max_range`.
     """
-    plain = settings.support == 1
-    yaw = camera.yaw
-    to_sensor = np.array(
-        [[math.cos(yaw), math.sin(yaw), 0.0], [-math.sin(yaw), math.cos(yaw), 0.0], [0.0, 0.0, 1.0]]
-    )
-    tilt = math.tan(math.radians(settings.tilt_sigma))
-    gradients = cv2.Sobel(image, cv2.CV_16S, 1, 0, ksize=3)
-    noise2 = 1e-6 if plain else gradient_noise(gradients) ** 2 * settings.texture**2
-    filled, evidence, weights, nearness, energy = gather(
+    left, right = (cv2.Sobel(image, cv2.CV_16S, 1, 0, ksize=3) for image in images)
+    *gathered, closest = gather(
         disparity,
-        gradients,
+        left,
         seen,
-        to_sensor @ camera.rotation,
+        _to_sensor(camera) @ camera.rotation,
         np.array([camera.f, camera.f_rows, camera.cx, camera.cy, camera.baseline]),
         float(camera.position[2]),
-        np.array([settings.height_min, settings.height_max, tilt, settings.noise]),
-        noise2,
+        _band(settings),
+        settings.texture * gradient_noise(left),
         disparities + 1,
-    )
-    needed = _needed(camera, settings, disparities)
-    ranges, support, outline = nearest_standing(
-        filled,
-        evidence,
-        weights,
-        nearness,
-        energy,
-        needed,
-        np.inf if plain else VETO,
-        ONE_SURFACE,
-        max_range,
     )
     secant = np.hypot(1.0, (np.arange(camera.width) - camera.cx) / camera.f)
     factor = camera.depth_factor * secant  # disparity = factor / range
-    roughness = np.zeros(camera.width)
-    if not plain:
-        ranges = trim_outlines(ranges, outline, OUTLINE, STEP)
-        ranges, roughness = confirm(ranges, factor, ONE_SURFACE)
-    noise = np.hypot(settings.noise, ROUGHNESS * roughness)
+    if settings.support == 1:
+        ranges = np.where(closest > 0.0, 1.0 / np.maximum(closest, TINY), np.nan)
+        return _columns(ranges, settings.noise, np.ones(camera.width, int), factor, max_range)
+
+    needed = _needed(camera, settings, disparities)
+    ranges, support, outline = nearest_standing(*gathered, needed, VETO, ONE_SURFACE)
+    margin = margins(disparity, left, right, factor / ranges, disparities)
+    ranges[~(margin >= DISTINCT)] = np.nan
+    ranges[ranges > max_range] = np.inf
+    ranges = trim_outlines(ranges, outline, OUTLINE, STEP)
+    ranges, roughness = confirm(ranges, factor, ONE_SURFACE)
+    noise = np.hypot(settings.noise * _inflation(margin, support), ROUGHNESS * roughness)
+    return _columns(ranges, noise, support, factor, max_range)
+
+
+def _columns(
+    ranges: np.ndarray,
+    noise: np.ndarray | float,
+    support: np.ndarray,
+    factor: np.ndarray,
+    max_range: float,
+) -> Columns:
+    """Free beyond `max_range`; sigma of the ranges from the noise of their disparities [px]."""
+    ranges = np.where(ranges > max_range, np.inf, ranges)
     sigma = np.where(np.isfinite(ranges), ranges**2 * noise / factor, np.nan)
     return Columns(ranges, sigma, np.where(np.isnan(ranges), 0, support))
 
 
-def gradient_noise(g):
-    h, w = g.shape
-    g = g[: h // 8 * 8, : w // 8 * 8].astype(np.float32)
-    b = (g**2).reshape(h // 8, 8, -1, 8).mean((1, 3)).ravel()
-    return max(2.0, float(np.sqrt(np.quantile(b, 0.03))))
+def _to_sensor(camera: RectifiedCamera) -> np.ndarray:
+    """Rotation (3, 3) from the robot's frame to the level one that looks along the camera."""
+    c, s = math.cos(camera.yaw), math.sin(camera.yaw)
+    return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _band(settings: StereoSettings) -> np.ndarray:
+    """Lowest and highest height [m], tangent of the tilt's doubt, noise [px]."""
+    tilt = math.tan(math.radians(settings.tilt_sigma))
+    return np.array([settings.height_min, settings.height_max, tilt, settings.noise])
 
 
 def _needed(camera: RectifiedCamera, settings: StereoSettings, disparities: int) -> np.ndarray:
     """(disparities + 1,) pixels that an obstacle must show in three columns, by disparity."""
-    if settings.support == 1:
-        return np.ones(disparities + 1)
     rows = LEAST_HEIGHT * camera.f_rows * np.arange(disparities + 1) / camera.depth_factor
     return np.maximum(3 * LEAST_SHARE * rows, settings.support)
+
+
+def _inflation(margin: np.ndarray, support: np.ndarray) -> np.ndarray:
+    """(W,) standard deviation of the disparities in units of `noise`."""
+    distinct = AT_MARGIN / np.maximum(margin - 1.0, DISTINCT - 1.0)
+    return np.sqrt(ALWAYS + distinct**2 + (AT_SUPPORT / np.maximum(support, 1)) ** 2)

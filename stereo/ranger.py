@@ -95,7 +95,7 @@ class StereoRanger:
         disparity = self.match(left, right)
         found = nearest_per_column(
             disparity,
-            left,
+            (left, right),
             self.rectify.seen,
             self.camera,
             self.settings,

@@ -48,12 +48,12 @@ class StereoSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     texture: Annotated[
         float,
         _meta(
-            "a pixel counts where the image changes by so much across it; elsewhere the matcher "
-            "only guesses",
-            "grey levels",
-            ge=0,
+            "gradients are evidence beyond so many times the noise of the image; elsewhere the "
+            "matcher only guesses",
+            "",
+            gt=0,
         ),
-    ] = 1.0
+    ] = 0.8
     height_min: Annotated[float, _meta("lower things are floor", "m")] = 0.10
     height_max: Annotated[float, _meta("higher things do not stop the robot", "m")] = 1.20
     tilt_sigma: Annotated[

@@ -12,21 +12,26 @@ import pytest
 from click.testing import CliRunner
 
 from calibration.exchange.euroc import camera_sheets
-from calibration.rig import RigError
+from calibration.rig import RigError, load_rig, minibee, save_rig
 from calibration.yamlfile import read_yaml
 from mapping.grid import OccupancyGrid
 from odometry.encoders import encoder_parameters
 from odometry.tick_log import read_tick_log
 from pipeline.commands.simulate import simulate
+from pipeline.commands.simulate_rendered import PRESETS
 from pipeline.errors import InputError
 from pipeline.map_files import write_map_server
 from pipeline.recordings import asl
 from pipeline.recordings.asl_writer import AslWriter, ImageFormat
+from simulation import filming
 from simulation.drive import drive
+from simulation.faults import FaultError
 from simulation.renderer import StereoRenderer
 from simulation.rigs import bent_minibee
 from simulation.scene import load_scene
+from simulation.true_scans import load_true_scans
 from simulation.wheels import MINIBEE_ENCODERS, WheelNoise
+from stereo.ranger import StereoRanger
 from tests.simulation_rooms import room_sheet, small_rig
 
 SHIPPED = Path(__file__).parents[1] / "data" / "office"
@@ -71,7 +76,7 @@ def test_the_command_writes_every_file(recording):
     assert lines[0] == "#timestamp [ns],filename"
     assert lines[1:] == [f"{stamp},{stamp}.png" for stamp in stamps]
     assert sorted(path.name for path in (recording / "truth").iterdir()) == [
-        "command.txt", "floorplan.pgm", "floorplan.yaml", "seen.pgm", "seen.yaml",
+        "command.txt", "floorplan.pgm", "floorplan.yaml", "scans.npz", "seen.pgm", "seen.yaml",
     ]  # fmt: skip
     command = (recording / "truth" / "command.txt").read_text()
     assert command.startswith("beemap simulate office -o ")
@@ -120,8 +125,23 @@ def test_depth_is_in_millimetres(recording):
     assert 4500 < depth[10, 80] < 5200
 
 
-def test_same_command_same_bytes(recording, scene_file, tmp_path):
+def test_true_ranges_lie_beside_the_pairs(recording):
+    scans = load_true_scans(recording / "truth" / "scans.npz")
+    read = asl.read(recording)
+    assert scans.stamp.tolist() == [pair.stamp for pair in read.pairs]
+    assert read.rig is not None
+    camera = StereoRanger(read.rig).camera
+    ahead = np.abs(scans.bearing) < 0.1
+    assert scans.bearing.size == camera.width
+    away = 6.0 - 1.1 - 0.17 * np.arange(7)  # to the east wall, at 0.34 m/s
+    expected = away[:, None] / np.cos(camera.yaw + scans.bearing[ahead])
+    np.testing.assert_allclose(scans.range[:, ahead], expected, atol=2e-3)
+    assert np.isfinite(scans.texture[:, ahead]).all()
+
+
+def test_same_command_same_bytes(recording, scene_file, tmp_path, monkeypatch):
     again = tmp_path / "again"
+    monkeypatch.setattr(filming, "WORKERS", 1)
     run(
         *("-o", str(again), "--scene", str(scene_file), "--seed", "3", "--duration", "1"),
         *("--size", "160x120", "--pitch", "4", "--roll", "-2", "--height", "0.42"),
@@ -130,6 +150,80 @@ def test_same_command_same_bytes(recording, scene_file, tmp_path):
     for camera in ("cam0", "cam1"):
         for path in (again / "mav0" / camera / "data").iterdir():
             assert path.read_bytes() == (recording / path.relative_to(again)).read_bytes()
+
+
+def test_faults_rate_and_mount_error_are_recorded(scene_file, tmp_path):
+    out = tmp_path / "spoilt"
+    result = run(
+        *("-o", str(out), "--scene", str(scene_file), "--duration", "0.4", "--rate", "5"),
+        *("--size", "80x60", "--pitch", "3", "--mount-error", "0.5", "--baseline", "60"),
+        *("--camera", "cheap", "--fault", "shutter=0.01", "--fault", "exposure_left=2"),
+        *("--quality", "60"),
+    )
+    assert "pairs/s" in result.output
+    read = asl.read(out)
+    assert [pair.stamp for pair in read.pairs] == [10**12 + i * 200_000_000 for i in range(3)]
+    assert read.rig is not None
+    assert read.rig.mount is not None
+    true = load_rig(out / "truth" / "rig.yaml")
+    assert true.mount is not None
+    assert math.degrees(read.rig.mount.pitch) == pytest.approx(3.5)
+    assert math.degrees(true.mount.pitch) == pytest.approx(3.0)
+    assert read.rig.baseline == pytest.approx(0.06)
+    # The middle between the cameras stays where it was.
+    middle = 0.5 * minibee().baseline
+    assert true.mount.y - 0.03 == pytest.approx(minibee().mount.y - middle, abs=2e-4)  # type: ignore[union-attr]
+    pair = read.pairs[0].load()
+    assert pair.left.mean() > 1.15 * pair.right.mean()
+    command = (out / "truth" / "command.txt").read_text()
+    assert "--fault shutter=0.01 --fault exposure_left=2" in command
+    assert "--rate 5.0" in command
+    # The command tells all: run again it makes the same.
+    again = tmp_path / "again"
+    words = command.replace(str(out), str(again)).split()
+    run(*words[3:], "--quiet")
+    for path in (out / "mav0" / "cam1" / "data").iterdir():
+        assert path.read_bytes() == (again / path.relative_to(out)).read_bytes()
+
+
+def test_any_rig_can_be_filmed_with(scene_file, tmp_path):
+    rig = minibee().scaled(0.125)
+    save_rig(replace(rig, mount=None), tmp_path / "rig.yaml")
+    arguments = ("--rig", str(tmp_path / "rig.yaml"), "--scene", str(scene_file))
+    run("-o", str(tmp_path / "r"), *arguments, "--duration", "0", "--height", "0.4")
+    read = asl.read(tmp_path / "r")
+    assert read.rig is not None
+    assert read.rig.left == rig.left
+    assert read.rig.mount is not None
+    assert read.rig.mount.height == pytest.approx(0.4)
+    with pytest.raises(InputError, match=r"--size.*--rig"):
+        run("-o", str(tmp_path / "s"), *arguments, "--size", "80x60")
+
+
+def test_a_straight_lens_is_straight(scene_file, tmp_path):
+    arguments = ("--scene", str(scene_file), "--size", "80x60", "--lens", "straight")
+    run("-o", str(tmp_path / "r"), *arguments, "--duration", "0")
+    read = asl.read(tmp_path / "r")
+    assert read.rig is not None
+    assert not np.any(read.rig.left.D)
+    np.testing.assert_allclose(read.rig.R, np.eye(3), atol=1e-12)
+
+
+def test_wrong_options_are_refused_before_any_work(tmp_path):
+    with pytest.raises(FaultError, match=r"shutter is 3\.0"):
+        run("-o", str(tmp_path / "r"), "--fault", "shutter=3")
+    with pytest.raises(InputError, match="--quality"):
+        run("-o", str(tmp_path / "r"), "--format", "png", "--quality", "80")
+    assert not (tmp_path / "r").exists()
+
+
+def test_every_preset_is_a_command_with_its_scene():
+    for name, (scene, _) in PRESETS.items():
+        assert load_scene(scene).route.duration > 60.0
+        told = CliRunner().invoke(simulate, [name, "--help"]).output
+        assert "rolling" in told  # the faults are listed
+    paper = CliRunner().invoke(simulate, ["paper", "--help"]).output
+    assert "--positions" in paper  # the simulator of scan logs keeps its name
 
 
 def test_an_existing_folder_is_refused_without_force(scene_file, tmp_path):
@@ -188,7 +282,7 @@ def test_maps_are_written_for_map_server(tmp_path):
 
 def test_the_shipped_recording_is_what_its_command_makes():
     command = (SHIPPED / "truth" / "command.txt").read_text().strip()
-    assert command == "beemap simulate office -o data/office --seed 1"
+    assert command == "beemap simulate office -o data/office --seed 1 --size 320x240"
     scene = load_scene("office")
     trip = drive(scene.route, MINIBEE_ENCODERS, WheelNoise(), seed=1)
     read = asl.read(SHIPPED)

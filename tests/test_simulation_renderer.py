@@ -12,7 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calibration.rig import CameraModel, Mount, RigError, StereoRig, minibee
-from simulation.renderer import NOISE_SIGMA, StereoRenderer, camera_poses, distort, undistort
+from simulation.camera_rays import camera_poses, distort, undistort
+from simulation.renderer import StereoRenderer
+from simulation.true_disparity import raw_disparity, rectified_disparity
+from stereo.ranger import StereoRanger
 from tests.simulation_rooms import room, small_rig
 
 POSE = np.array([1.0, 2.0, 0.0])
@@ -128,7 +131,7 @@ def test_same_seed_same_bytes_and_other_seed_differs_by_the_noise():
     assert (first.depth == again.depth).all()
     for pair in (other, later):
         difference = pair.left.astype(float) - first.left
-        assert difference.std() == pytest.approx(math.sqrt(2.0) * NOISE_SIGMA, rel=0.15)
+        assert difference.std() == pytest.approx(math.sqrt(2.0) * 1.7, rel=0.15)
         assert abs(difference.mean()) < 0.1
 
 
@@ -146,3 +149,33 @@ def test_both_cameras_see_the_same_grey_of_a_surface():
     assert np.abs(moved - own).mean() < 8.0
     unmoved = pair.right[20:70, 70:120]
     assert np.abs(moved - own).mean() < 0.3 * np.abs(unmoved - own).mean()
+
+
+def test_disparity_of_the_raw_images_leads_to_the_same_lamp():
+    lamp = {"material": "lamp", "at": [3.2, 2.4, 0.55], "size": [0.002, 0.14, 0.14]}
+    rig = small_rig().with_mount(Mount(height=0.8, pitch=0.06, roll=-0.08, x=0.1, y=0.06))
+    pair = StereoRenderer(room(lamp), rig, samples=4).render(POSE, 0)
+    moved = raw_disparity(rig, pair.depth)
+    places = []
+    for image in (pair.left, pair.right):
+        v, u = np.nonzero(image[45:] > 250)  # below the ceiling's lamp
+        places.append(np.array([u.mean(), v.mean() + 45]))
+    u, v = np.rint(places[0]).astype(int)
+    np.testing.assert_allclose(moved[v, u], places[0] - places[1], atol=0.3)
+    assert abs(moved[v, u, 1]) > 0.4  # the cameras are out of line
+
+
+@pytest.mark.parametrize("pitch", [0.0, 0.2])
+def test_disparity_of_the_rectified_band_is_that_of_the_wall(pitch):
+    rig = small_rig().with_mount(Mount(height=0.5, pitch=pitch, x=0.1, y=0.06))
+    renderer = StereoRenderer(room(), rig)
+    camera = StereoRanger(rig).camera
+    disparity = rectified_disparity(renderer.tracer, rig, camera, POSE)
+    assert disparity.shape == (camera.height, camera.width)
+    row = round(camera.cy)
+    ahead = np.abs(np.arange(160) - camera.cx) < 40
+    # Depth along an axis that looks along the floor, a little to the side of the wall's normal.
+    forward = (6.0 - 1.1) / camera.rotation[0, 2]
+    x = (np.arange(160) - camera.cx) / camera.f
+    depth = forward / (1.0 + x * camera.rotation[0, 0] / camera.rotation[0, 2])
+    np.testing.assert_allclose(disparity[row, ahead], camera.depth_factor / depth[ahead], rtol=2e-3)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from simulation.world import World
 
 
-@click.command()
+@click.command(short_help="The paper's Sec. IV as a log of ranges and odometry, without images.")
 @click.option(
     "-o",
     "--output",

@@ -32,9 +32,9 @@ if TYPE_CHECKING:
 # command -> (scene that ships with the package, what it is).
 PRESETS = {
     "office": ("office", "a furnished office"),
-    "corridor": ("corridor", "a corridor with bare walls"),
-    "glass": ("glass", "a lobby with panes of glass"),
-    "clutter": ("clutter", "a room full of things"),
+    "corridor": ("corridor", "a ring of corridors with bare walls"),
+    "glass": ("glass", "an office with meeting rooms of glass"),
+    "clutter": ("clutter", "a workshop full of things and people"),
     "paper-rendered": ("paper", "the paper's 18 x 18 m world, its walls raised"),
 }
 

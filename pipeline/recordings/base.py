@@ -44,6 +44,10 @@ class Pair(Protocol):
         """What the pair is called in messages."""
         ...
 
+    def where(self, right: bool) -> str:
+        """The file of the left or right image, or what tells it from others."""
+        ...
+
     def load(self) -> StereoPair:
         """Decode both images.
 
@@ -78,6 +82,10 @@ class PairFiles:
         """The left file's, without its ending."""
         return self.left.stem
 
+    def where(self, right: bool) -> str:
+        """The file."""
+        return str(self.right if right else self.left)
+
     @property
     def files(self) -> tuple[Path, ...]:
         """Left, right."""
@@ -108,6 +116,10 @@ class HalvedPair:
     def name(self) -> str:
         """The file's, without its ending."""
         return self.file.stem
+
+    def where(self, right: bool) -> str:
+        """The file and the half."""
+        return f"{self.file} ({'right' if right else 'left'} half)"
 
     @property
     def files(self) -> tuple[Path, ...]:

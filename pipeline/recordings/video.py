@@ -124,6 +124,10 @@ class VideoPair:
         """The frame's number."""
         return f"frame{self.number:06d}"
 
+    def where(self, right: bool) -> str:
+        """The video and the frame."""
+        return f"{self.videos[-1 if right else 0].path} frame {self.number}"
+
     @property
     def files(self) -> tuple[Path, ...]:
         """None: no file holds this pair alone."""
