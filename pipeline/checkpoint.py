@@ -86,8 +86,12 @@ class Checkpoint:
     def __enter__(self) -> Checkpoint:
         return self
 
-    def __exit__(self, *_exception: object) -> None:
-        self.close()
+    def __exit__(self, kind: type[BaseException] | None, *_exception: object) -> None:
+        # What ended a run by an error would end it again; one that was interrupted goes on.
+        if kind is not None and issubclass(kind, Exception):
+            self.discard()
+        else:
+            self.close()
 
     def __len__(self) -> int:
         return len(self._known)
@@ -100,6 +104,7 @@ class Checkpoint:
             InputError: it cannot be written.
         """
         try:
+            path.parent.mkdir(parents=True, exist_ok=True)
             file = path.open("wb")
         except OSError as error:
             raise InputError(f"{path}: cannot be written ({error.strerror})") from None

@@ -105,7 +105,8 @@ class MapRequest(msgspec.Struct, frozen=True):
 
 def checkpoint_of(output: Path) -> Path:
     """Where the checkpoint of a run into `output` lies."""
-    return output.with_name(f"{output.name}.checkpoint")
+    place = output.resolve()
+    return place.with_name(f"{place.name}.checkpoint")
 
 
 def resumed(output: Path) -> tuple[Checkpoint, MapRequest]:

@@ -184,5 +184,6 @@ def test_what_cannot_be_resumed_is_refused(tmp_path, refused, office):
 
 
 def test_a_checkpoint_that_cannot_be_written_is_named(tmp_path):
+    (tmp_path / "no").write_text("a file")
     with pytest.raises(InputError, match="cannot be written"):
         Checkpoint.start(tmp_path / "no" / "run.checkpoint", {})

@@ -108,8 +108,10 @@ def map_command(
             job, settings = request.prepare(None, (), threads)
             _map(request, job, settings, checkpoint, resume, threads, True, quiet)
         return
-    if recording is None or output is None:
-        raise click.UsageError("give INPUT and -o OUT, or --resume OUT")
+    if recording is None:
+        raise click.UsageError("Missing argument 'INPUT'")
+    if output is None:
+        raise click.UsageError("Missing option '-o'")
     _check_output(recording, output, force)
     if method is not None:
         overrides = (*overrides, f"mapping.method={method}")
