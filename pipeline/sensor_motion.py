@@ -21,7 +21,7 @@ from odometry.source import MotionSource
 from odometry.walk import step_covariances
 from pipeline.mount import floor_matcher, reduced
 from pipeline.mount_steps import STEP, looked_at
-from pipeline.recordings.base import PairFiles, Recording
+from pipeline.recordings.base import RecordedPair, Recording
 from pipeline.whole_images import whole_rectifier
 from stereo.floor_motion import motion_between
 from stereo.scan import RangeScan
@@ -61,7 +61,7 @@ def visual_motions(
     return motions
 
 
-def _due(recording: Recording, source: MotionSource) -> list[PairFiles]:
+def _due(recording: Recording, source: MotionSource) -> list[RecordedPair]:
     gate = ObservationGate(*STEP)
     motions = ((pair, source.until(pair.stamp)) for pair in recording.pairs)
     return [pair for pair, motion in motions if motion and gate.step(motion.increment)]
