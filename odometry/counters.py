@@ -140,12 +140,12 @@ class CounterTracker:
         if usual and -sure < moved_left < sure and -sure < moved_right < sure:
             self._drop_held()
             return [self._step(new, moved_left, moved_right)]
-        doubtful = self._announced or self._silence(interval)
-        self._announced = False
-        if reset or (doubtful and self._began_anew(last, new)):
+        if reset:
             self._drop_held()
             return self._anew([new], "resets")
-        if self._follows(last[:3], new):
+        doubtful = self._announced or self._silence(interval)
+        began_anew = doubtful and self._began_anew(last, new)
+        if not began_anew and self._follows(last[:3], new):
             self._drop_held()
             return [self._step(new, moved_left, moved_right)]
         if self._held and not self._follows(self._held[-1], new):
@@ -154,13 +154,14 @@ class CounterTracker:
         if len(self._held) < CONFIRM:
             return []
         held, self._held = self._held, []
-        return self._anew(held, "resets" if self._away(*held[0][1:]) <= NEAR_ZERO else "jumps")
+        near_zero = began_anew or self._away(*held[0][1:]) <= NEAR_ZERO
+        return self._anew(held, "resets" if near_zero else "jumps")
 
     def _step(self, new: tuple[int, int, int], left: int, right: int) -> TickReading:
         """The next reading, so many counts on."""
         last = self._last
         assert last is not None
-        self._interval = new[0] - last.stamp
+        self._interval, self._announced = new[0] - last.stamp, False
         self._last = TickReading(*new, last.left_total + left, last.right_total + right)
         if not self._anchors or new[0] - self._anchors[-1].stamp > SPEED_OVER:
             self._anchors = [*self._anchors[-1:], self._last]
@@ -177,6 +178,7 @@ class CounterTracker:
             f"{(stamp - last.stamp) / 1e9:.2f} s: taken as no motion, with much doubt"
         )
         self._last = TickReading(stamp, left, right, last.left_total, last.right_total, True)
+        self._announced = False
         self._anchors = []
         taken = [self._last]
         bits = self._limits.bits

@@ -13,6 +13,7 @@ from mapping.settings import MappingSettings
 from odometry.motion import compose, inverse
 from pipeline.health import (
     OdometryErrors,
+    agreement_lines,
     answers_line,
     health_lines,
     matching_line,
@@ -185,3 +186,13 @@ def test_nothing_significant_is_not_told():
 def test_a_run_that_saw_nothing_says_so():
     (line,) = health_lines(HierarchicalMapper(MappingSettings(particles=2)), "beams", False)
     assert "nothing was mapped" in line
+
+
+def test_how_far_odometry_and_path_part_is_told_in_the_median():
+    travel = np.arange(0.0, 10.0, 0.1)
+    path = np.stack([travel, 0.0 * travel, 0.0 * travel], axis=1)
+    odometry = path * [1.03, 1.0, 1.0]
+    (line,) = agreement_lines(odometry, path)
+    assert line.startswith("odometry and matched path part by 3")
+    assert " mm and 0.0 deg in 1 m (median of 10 stretches)" in line
+    assert agreement_lines(odometry[:40], path[:40]) == []

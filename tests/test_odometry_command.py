@@ -102,9 +102,9 @@ def test_the_umbmark_sheet_and_its_evaluation(tmp_path, rig, beemap, refused):
     assert "ends.csv: line 1: 'cw,1': expected cw,x,y" in wrong
 
 
-def true_motions(recording, rig, source, progress):
+def true_motions(recording, rig, progress):
     """What perfect cameras would see in a recording that holds its truth, with a little noise."""
-    del source, progress
+    del progress
     rng = np.random.default_rng(8)
     place = np.array([rig.mount.x, rig.mount.y, rig.mount.yaw])
     sigma = np.array([0.004, 0.004, 0.002])
