@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from mapping.known_map import KnownMap
 from odometry.walk import LEAP, leaps
 from pipeline.checkpoint import Observations
 from pipeline.motion import motion_of, usual_motion
@@ -42,6 +43,7 @@ def recording_job(
     settings: Settings,
     seed: int,
     threads: int,
+    begin: KnownMap | None = None,
 ) -> Job:
     """A recording with the rig and the motion that the user chose; None: what it holds.
 
@@ -56,7 +58,7 @@ def recording_job(
 
     def run(progress: Progress, interrupted: Interrupted, known: Observations) -> MapRun:
         return map_recording(
-            recording, rig, source, settings, seed, threads, progress, interrupted, known
+            recording, rig, source, settings, seed, threads, progress, interrupted, known, begin
         )
 
     def facts() -> dict[str, Any]:
@@ -70,7 +72,7 @@ def recording_job(
     return Job("pairs", run, facts, notes, recording.skipped, recording.poses)
 
 
-def log_job(log: ScanLog, settings: Settings, seed: int) -> Job:
+def log_job(log: ScanLog, settings: Settings, seed: int, begin: KnownMap | None = None) -> Job:
     """A scan log, with the truth that lies beside it.
 
     Raises:
@@ -102,7 +104,9 @@ def log_job(log: ScanLog, settings: Settings, seed: int) -> Job:
     truth = read_tum(log.truth_file) if log.truth_file else None
     return Job(
         "scans",
-        lambda progress, interrupted, known: map_log(log, settings, seed, progress, interrupted),
+        lambda progress, interrupted, known: map_log(
+            log, settings, seed, progress, interrupted, begin
+        ),
         facts,
         notes,
         log.skipped,

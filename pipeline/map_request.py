@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from importlib.metadata import version
 from pathlib import Path
 
 import msgspec
+import numpy as np
 
 from calibration.yamlfile import YamlFileError, parse_yaml
+from mapping.known_map import KnownMap
 from pipeline.checkpoint import Checkpoint
 from pipeline.errors import InputError
 from pipeline.job import Job, log_job, recording_job
+from pipeline.map_files import read_map
 from pipeline.recordings import open_input
 from pipeline.recordings.base import Recording
 from pipeline.recordings.scan_log import ScanLog
@@ -30,9 +34,42 @@ class Ticks(msgspec.Struct, frozen=True):
     offset: float = 0.0
 
 
+class Begin(msgspec.Struct, frozen=True):
+    """`--continue MAP`, and where in it: x m, y m, theta rad; None: to be searched."""
+
+    map: str
+    pose: tuple[float, float, float] | None = None
+
+    def known(self) -> KnownMap:
+        """The map, read. Raises InputError."""
+        pose = None if self.pose is None else np.array(self.pose)
+        return KnownMap(read_map(self.map), pose)
+
+
+def parse_begin(file: Path | None, pose: str | None) -> Begin | None:
+    """The options `--continue` and `--pose x,y,deg`.
+
+    Raises:
+        InputError: a pose without a map, or none.
+    """
+    if file is None:
+        if pose is not None:
+            raise InputError("--pose: belongs to --continue MAP")
+        return None
+    if pose is None:
+        return Begin(str(file))
+    try:
+        x, y, degrees = (float(part) for part in pose.split(","))
+        if not np.isfinite([x, y, degrees]).all():
+            raise ValueError
+    except ValueError:
+        raise InputError(f"--pose {pose}: write x,y,deg in metres and degrees: 1.5,0,90") from None
+    return Begin(str(file), (x, y, math.radians(degrees)))
+
+
 class MapRequest(msgspec.Struct, frozen=True):
-    """settings: as YAML, complete; None before the input was opened. rig_digest: of the rig file;
-    versions: of what computes the observations."""
+    """settings: as YAML, complete; None before the input was opened. digests: of the files beside
+    the input; versions: of what computes the observations."""
 
     input: str
     rig: str | None = None
@@ -40,8 +77,9 @@ class MapRequest(msgspec.Struct, frozen=True):
     fps: float | None = None
     seed: int = 1
     ticks: Ticks | None = None
+    begin: Begin | None = None
     settings: str | None = None
-    rig_digest: str = ""
+    digests: dict[str, str] = msgspec.field(default_factory=dict)
     versions: dict[str, str] = msgspec.field(default_factory=dict)
 
     def prepare(
@@ -65,10 +103,11 @@ class MapRequest(msgspec.Struct, frozen=True):
             settings = load_settings(settings_file, overrides, suggested)
         else:
             settings = _stored(self.settings)
+        begin = None if self.begin is None else self.begin.known()
         if isinstance(opened, ScanLog):
-            return log_job(opened, settings, self.seed), settings
+            return log_job(opened, settings, self.seed, begin), settings
         motion = self.motion or "encoders"
-        return recording_job(opened, rig, motion, settings, self.seed, threads), settings
+        return recording_job(opened, rig, motion, settings, self.seed, threads, begin), settings
 
     def complete(self, settings: Settings) -> MapRequest:
         """With all that a resumed run must find unchanged."""
@@ -77,17 +116,25 @@ class MapRequest(msgspec.Struct, frozen=True):
             input=str(Path(self.input).resolve()),
             rig=None if self.rig is None else str(Path(self.rig).resolve()),
             settings=as_yaml(settings),
-            rig_digest=_digest(self.rig),
+            digests={file: _digest(file) for file in self._files},
             versions={name: version(name) for name in VERSIONS_OF},
         )
 
     def check_unchanged(self, where: Path) -> None:
         """Raise InputError where going on would mix what does not belong together."""
-        if self.rig_digest != _digest(self.rig):
-            raise InputError(f"{where}: {self.rig} was changed since: map afresh")
+        for file, digest in self.digests.items():
+            if _digest(file) != digest:
+                raise InputError(f"{where}: {file} was changed since: map afresh")
         now = {name: version(name) for name in self.versions}
         if now != self.versions:
             raise InputError(f"{where}: made by other versions of beemap or OpenCV: map afresh")
+
+    @property
+    def _files(self) -> list[str]:
+        """Files beside the input that decide the result."""
+        files = [self.rig, self.ticks.file if self.ticks else None]
+        files.append(self.begin.map if self.begin else None)
+        return [str(_content(Path(file))) for file in files if file is not None]
 
     def _refuse_for_logs(self, path: Path) -> None:
         from pipeline.recordings.video import is_video
@@ -137,9 +184,12 @@ def _stored(text: str) -> Settings:
         raise InputError(str(error)) from None
 
 
-def _digest(file: str | None) -> str:
-    if file is None:
-        return ""
+def _content(path: Path) -> Path:
+    """Of a result folder, its map."""
+    return (path / "map.npz" if path.is_dir() else path).resolve()
+
+
+def _digest(file: str) -> str:
     try:
         return hashlib.sha256(Path(file).read_bytes()).hexdigest()
     except OSError:

@@ -13,6 +13,7 @@ import numpy as np
 
 from calibration.rig import StereoRig
 from mapping.gate import ObservationGate
+from mapping.known_map import KnownMap
 from mapping.mapper import HierarchicalMapper
 from odometry.motion import Motion
 from pipeline.checkpoint import NOTHING, Observations
@@ -110,18 +111,21 @@ def map_recording(
     progress: Progress = lambda done, total: None,
     interrupted: Interrupted = lambda: False,
     known: Observations = NOTHING,
+    begin: KnownMap | None = None,
 ) -> MapRun:
     """Map a recording; `progress` and `interrupted` as in `MapRun.each`.
 
-    known: what was seen in a run before, which need not be looked at again.
+    known: what was seen in a run before, which need not be looked at again. begin: a map to go on
+    in.
 
     Raises:
         InputError: images and rig do not fit, or no pair can be used.
         StereoError: the images are exchanged, or the rig makes no stereo.
+        MappingError: the place in the map to begin in cannot be found.
     """
     ranger = make_ranger(rig, settings)
     check_images(recording, rig, ranger)
-    mapper = HierarchicalMapper(settings.mapping, seed)
+    mapper = HierarchicalMapper(settings.mapping, seed, begin)
     run = MapRun(mapper)
 
     def work(step: Step) -> Observation | None:

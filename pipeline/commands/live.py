@@ -22,6 +22,14 @@ import msgspec
     metavar="REC",
     help="Folder of the recording.  [default: recording in the result folder]",
 )
+@click.option(
+    "--continue",
+    "known_map",
+    type=click.Path(path_type=Path),
+    metavar="MAP",
+    help="Begin in a map made before: a result folder, map.npz or map.yaml.",
+)
+@click.option("--pose", metavar="X,Y,DEG", help="Where in it; else it is searched.")
 @click.option("--poses", metavar="FILE|-", help="Pose after every pair, new maps: JSON lines.")
 @click.option("--settings", "settings_file", type=click.Path(path_type=Path), help="YAML settings.")
 @click.option("--set", "overrides", multiple=True, metavar="STAGE.KEY=VALUE", help="One setting.")
@@ -36,6 +44,8 @@ def live_command(
     rig_file: Path,
     output: Path,
     recording: Path | None,
+    known_map: Path | None,
+    pose: str | None,
     poses: str | None,
     settings_file: Path | None,
     overrides: tuple[str, ...],
@@ -62,13 +72,15 @@ def live_command(
     from pipeline.live.devices import load_live_rig
     from pipeline.live.events import EventLines
     from pipeline.live.live_run import LiveOptions, begin_output, live_run
-    from pipeline.map_request import MapRequest
+    from pipeline.map_request import MapRequest, parse_begin
     from pipeline.settings import load_settings
 
     rig = load_live_rig(rig_file)
     rig.source.calibrated()
     rig.wheels()
     settings = load_settings(settings_file, overrides)
+    begin = parse_begin(known_map, pose)
+    known_grid = None if begin is None else begin.known()
     if recording is not None:
         check_new(recording)
     use_threads(threads or os.cpu_count() or 1)
@@ -80,10 +92,11 @@ def live_command(
     try:
         begin_output(output, force, facts)
         # What mapping the recording offline would be asked for: `map --resume` goes on with that.
-        asked = MapRequest(str(place), motion="encoders", seed=seed).complete(settings)
+        asked = MapRequest(str(place), motion="encoders", seed=seed, begin=begin)
+        asked = asked.complete(settings)
         known = Checkpoint.start(output / "checkpoint", msgspec.to_builtins(asked))
         with until_interrupted() as stop:
-            options = LiveOptions(settings, seed, duration, stop, known, facts)
+            options = LiveOptions(settings, seed, duration, stop, known, facts, known_grid)
             sinks = {"on_pose": lines, "on_map": lines} if lines else {}
             summary = live_run(
                 rig, output, place, options, **sinks, tell=screen.tell, on_status=screen.status

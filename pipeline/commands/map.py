@@ -36,6 +36,14 @@ if TYPE_CHECKING:
     help="go on with a run of map or live into OUT that was cut off; as it was asked for then",
 )
 @click.option(
+    "--continue",
+    "known_map",
+    type=click.Path(path_type=Path),
+    metavar="MAP",
+    help="begin in a map made before: a result folder, map.npz or map.yaml",
+)
+@click.option("--pose", metavar="X,Y,DEG", help="where in it; else it is searched")
+@click.option(
     "--rig", type=click.Path(path_type=Path), help="rig.yaml; wins over the recording's own"
 )
 @click.option(
@@ -73,6 +81,8 @@ def map_command(
     recording: Path | None,
     output: Path | None,
     resume: Path | None,
+    known_map: Path | None,
+    pose: str | None,
     rig: Path | None,
     motion: str | None,
     method: str | None,
@@ -97,7 +107,7 @@ def map_command(
     """
     from pipeline.checkpoint import Checkpoint
     from pipeline.folders import remove_remains
-    from pipeline.map_request import MapRequest, Ticks, checkpoint_of, resumed
+    from pipeline.map_request import MapRequest, Ticks, checkpoint_of, parse_begin, resumed
 
     threads = threads or os.cpu_count() or 1
     if resume is not None:
@@ -117,7 +127,9 @@ def map_command(
     if method is not None:
         overrides = (*overrides, f"mapping.method={method}")
     table = Ticks(str(ticks), ticks_columns, ticks_unit, ticks_offset) if ticks else None
-    request = MapRequest(str(recording), str(rig) if rig else None, motion, fps, seed, table)
+    begin = parse_begin(known_map, pose)
+    rig_name = str(rig) if rig else None
+    request = MapRequest(str(recording), rig_name, motion, fps, seed, table, begin)
     job, settings = request.prepare(settings_file, overrides, threads)
     asked = request.complete(settings)
     with Checkpoint.start(checkpoint_of(output), msgspec.to_builtins(asked)) as checkpoint:

@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from mapping.known_map import KnownMap
 from odometry.live import LiveOdometry
 from pipeline.checkpoint import NOTHING, Observations
 from pipeline.errors import InputError
@@ -45,7 +46,8 @@ TICK = 0.05  # s between looks at what the threads do
 @dataclass
 class LiveOptions:
     """settings, seed: as of `map`; duration: ends by itself after so many seconds; stop: ends it
-    when set; known: where observations are kept for `--resume`; facts: for run.json."""
+    when set; known: where observations are kept for `--resume`; facts: for run.json; begin: a map
+    to go on in."""
 
     settings: Settings
     seed: int = 1
@@ -53,6 +55,7 @@ class LiveOptions:
     stop: threading.Event = field(default_factory=threading.Event)
     known: Observations = NOTHING
     facts: dict[str, Any] = field(default_factory=dict)
+    begin: KnownMap | None = None
 
 
 def _ignore(*_: object) -> None:
@@ -100,6 +103,7 @@ def live_run(
             saver,
             on_pose,
             session.note,
+            options.begin,
         )
         session.sinks.append(mapper.offer)
         mapper.start()

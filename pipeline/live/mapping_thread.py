@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Callable
 
 from calibration.rig import StereoRig
+from mapping.known_map import KnownMap
 from mapping.mapper import HierarchicalMapper
 from odometry.source import MotionSource
 from pipeline.checkpoint import Observations
@@ -44,8 +45,9 @@ class LiveMapper:
         saver: MapSaver,
         on_pose: OnPose,
         tell: Tell,
+        begin: KnownMap | None = None,
     ) -> None:
-        self.mapper = HierarchicalMapper(settings.mapping, seed)
+        self.mapper = HierarchicalMapper(settings.mapping, seed, begin)
         self.run = MapRun(self.mapper)
         self.skipped = 0
         self.error: Exception | None = None
