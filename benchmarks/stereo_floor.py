@@ -37,15 +37,15 @@ def main() -> str:
     rows = [_row(pitch, tracers) for pitch in PITCHES]
     header = ["pitch [deg]", "answered within 4 m or free"]
     header += [f"phantoms, mount {e:+g} deg" if e else "phantoms, true mount" for e in MOUNT_ERRORS]
-    header += [f"of these on {floor}" for floor in FLOORS]
+    header += [f"on {floor}" for floor in FLOORS]
     return "\n\n".join(
         [
             "## Floor taken for obstacles: `python -m benchmarks.stereo_floor`",
             markdown_table(header, rows),
             f"An empty hall with floors of {', '.join(FLOORS)}, {PLACES} places on each, camera "
             f"0.3 m high, 640x480. phantoms: columns said to hold an obstacle within {WITHIN:g} m, "
-            "of all columns; on each floor, with the true mount, of its columns. Asked for: at most 0.5 % with the true mount, 2 % with one wrong by "
-            "0.5 deg.",
+            "of all columns; on each floor, with the true mount, of its columns. Asked for: at most "
+            "0.5 % with the true mount, 2 % with one wrong by 0.5 deg.",
         ]
     )
 
