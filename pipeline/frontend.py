@@ -11,7 +11,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from pipeline.recordings.base import DamagedFrameError, PairFiles
+from pipeline.recordings.base import DamagedFrameError, Pair
 from stereo.errors import StereoError
 from stereo.pair_check import RIGHT_COVERED, check_pair
 from stereo.ranger import StereoRanger
@@ -41,7 +41,7 @@ class Observation:
     seconds_stereo: float = 0.0
 
 
-def observe(files: PairFiles, ranger: StereoRanger, key_frame: bool) -> Observation:
+def observe(files: Pair, ranger: StereoRanger, key_frame: bool) -> Observation:
     """Read and range one pair; one that is no use becomes a reason, never an exception."""
     start = time.perf_counter()
     try:
@@ -49,7 +49,7 @@ def observe(files: PairFiles, ranger: StereoRanger, key_frame: bool) -> Observat
         read = time.perf_counter()
         check = check_pair(pair.left, pair.right)
         if check.defect:
-            name = str(files.right if check.defect == RIGHT_COVERED else files.left)
+            name = files.where(right=check.defect == RIGHT_COVERED)
             return Observation(None, check.defect, name, seconds_reading=read - start)
         frame = ranger.frame(pair)
     except (DamagedFrameError, StereoError) as error:

@@ -42,8 +42,9 @@ REMEDIES = {
 
 # Odometry and path are compared over stretches of this travel [m], turns included.
 STRETCH = 1.0
-# Not from fewer of them, and with standard errors from so many blocks of neighbours, whose errors
-# hang together.
+# How far they part is told from more than FEW of them, systematic errors from more than LEAST,
+# with standard errors from so many blocks of neighbours, whose errors hang together.
+FEW_STRETCHES = 5
 LEAST_STRETCHES = 60
 BLOCKS = 20
 SIGNIFICANT = 3.0  # standard errors
@@ -52,10 +53,13 @@ WORTH_TELLING = np.array([0.01, 0.01, math.radians(0.1)])
 OUTLIER = 4.0  # robust standard deviations
 
 
-def health_lines(mapper: HierarchicalMapper, sight: str, encoders: bool) -> list[str]:
+def health_lines(
+    mapper: HierarchicalMapper, sight: str, encoders: bool, images: bool = False
+) -> list[str]:
     """The lines of a finished run.
 
-    sight: "columns" of a camera or "beams" of a laser; encoders: the odometry is ours to calibrate.
+    sight: "columns" of a camera or "beams" of a laser; encoders: the odometry is ours to
+    calibrate; images: it comes from the images, or from both.
     """
     steps = mapper.filter.health
     if not steps:
@@ -65,7 +69,8 @@ def health_lines(mapper: HierarchicalMapper, sight: str, encoders: bool) -> list
         particles_line(steps, mapper.settings.particles),
         matching_line(steps),
         answers_line(steps, sight),
-        *odometry_lines(errors, encoders),
+        *agreement_lines(np.array(mapper.odometry), mapper.path()),
+        *odometry_lines(errors, encoders, images),
     ]
 
 
@@ -208,7 +213,24 @@ def _inliers(A: np.ndarray, b: np.ndarray) -> np.ndarray:
     return off <= OUTLIER * scale + 1e-9
 
 
-def odometry_lines(errors: OdometryErrors | None, encoders: bool) -> list[str]:
+def agreement_lines(odometry: np.ndarray, path: np.ndarray) -> list[str]:
+    """How far odometry and the matched path, poses (n, 3), part over stretches of `STRETCH`."""
+    way = travelled(odometry)
+    ends = np.unique(np.searchsorted(way, np.arange(0.0, way[-1], STRETCH)))
+    if len(ends) <= FEW_STRETCHES:
+        return []
+    found, true = (_stretches(poses, ends) for poses in (odometry, path))
+    apart = np.median(np.hypot(*(found - true)[:, :2].T))
+    turned = np.degrees(np.median(np.abs(found[:, 2] - true[:, 2])))
+    return [
+        f"odometry and matched path part by {1000 * apart:.0f} mm and {turned:.1f} deg "
+        f"in {STRETCH:g} m (median of {len(ends) - 1} stretches)"
+    ]
+
+
+def odometry_lines(
+    errors: OdometryErrors | None, encoders: bool, images: bool = False
+) -> list[str]:
     """What odometry does wrong, and its remedy; nothing where nothing is certain."""
     if errors is None or not errors.significant.any():
         return []
@@ -234,7 +256,9 @@ def odometry_lines(errors: OdometryErrors | None, encoders: bool) -> list[str]:
             f"{math.degrees(t_error):.2f} deg a metre where the robot does not"
         )
         lines.append(line + (f": {larger}_radius of the encoders is too large" if encoders else ""))
-    if not encoders:
+    if images:
+        lines[-1] += ": calibrate the cameras, or doubt them more (visual.along, visual.heading)"
+    elif not encoders:
         lines[-1] += ": calibrate the robot's odometry, or doubt it more (odometry.heading, .along)"
     return lines
 

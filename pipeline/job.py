@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from odometry.walk import LEAP, leaps
-from pipeline.motion import choose_motion
+from pipeline.checkpoint import Observations
+from pipeline.motion import motion_of, usual_motion
 from pipeline.recordings.base import Recording
 from pipeline.recordings.scan_log import ODDITIES, USUAL, ScanLog
 from pipeline.rig import choose_rig
@@ -27,7 +28,7 @@ class Job:
     """
 
     unit: str
-    run: Callable[[Progress, Interrupted], MapRun]
+    run: Callable[[Progress, Interrupted, Observations], MapRun]
     facts: Callable[[], dict[str, Any]]
     notes: list[str]
     skipped: dict[str, list[str]]
@@ -37,21 +38,26 @@ class Job:
 def recording_job(
     recording: Recording,
     rig_file: Path | None,
-    motion: str,
+    motion: str | None,
     settings: Settings,
     seed: int,
     threads: int,
 ) -> Job:
-    """A recording with the rig and the motion that the user chose.
+    """A recording with the rig and the motion that the user chose; None: what it holds.
 
     Raises:
         InputError, RigError: rig or motion are missing or wrong.
     """
     rig, notes = choose_rig(recording, rig_file)
-    source = choose_motion(motion, recording, rig, settings.odometry, seed)
+    if motion is None:
+        motion, more = usual_motion(recording)
+        notes += more
+    source = motion_of(motion, recording, rig, settings, seed)
 
-    def run(progress: Progress, interrupted: Interrupted) -> MapRun:
-        return map_recording(recording, rig, source, settings, seed, threads, progress, interrupted)
+    def run(progress: Progress, interrupted: Interrupted, known: Observations) -> MapRun:
+        return map_recording(
+            recording, rig, source, settings, seed, threads, progress, interrupted, known
+        )
 
     def facts() -> dict[str, Any]:
         return {
@@ -96,7 +102,7 @@ def log_job(log: ScanLog, settings: Settings, seed: int) -> Job:
     truth = read_tum(log.truth_file) if log.truth_file else None
     return Job(
         "scans",
-        lambda progress, interrupted: map_log(log, settings, seed, progress, interrupted),
+        lambda progress, interrupted, known: map_log(log, settings, seed, progress, interrupted),
         facts,
         notes,
         log.skipped,
