@@ -44,8 +44,8 @@ def main() -> str:
             markdown_table(header, rows),
             f"An empty hall with floors of {', '.join(FLOORS)}, {PLACES} places on each, camera "
             f"0.3 m high, 640x480. phantoms: columns said to hold an obstacle within {WITHIN:g} m, "
-            "of all columns; on each floor, with the true mount, of its columns. Asked for: at most "
-            "0.5 % with the true mount, 2 % with one wrong by 0.5 deg.",
+            "of all columns; on each floor, with the true mount, of its columns. Asked for: at "
+            "most 0.5 % with the true mount, 2 % with one wrong by 0.5 deg.",
         ]
     )
 
