@@ -90,7 +90,7 @@ def nearest_per_column(
 
     needed = _needed(camera, settings, disparities)
     ranges, support, outline = nearest_standing(*gathered, needed, VETO, ONE_SURFACE)
-    margin = margins(disparity, left, right, factor / ranges, disparities)
+    margin = margins(disparity, left, right, factor / ranges, _floor(camera), disparities)
     ranges[~(margin >= DISTINCT)] = np.nan
     ranges[ranges > max_range] = np.inf
     ranges = trim_outlines(ranges, outline, OUTLINE, STEP)
@@ -116,6 +116,15 @@ def _to_sensor(camera: RectifiedCamera) -> np.ndarray:
     """Rotation (3, 3) from the robot's frame to the level one that looks along the camera."""
     c, s = math.cos(camera.yaw), math.sin(camera.yaw)
     return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _floor(camera: RectifiedCamera) -> np.ndarray:
+    """Disparity [px] of the floor: its growth per column and per row, and in the image's corner."""
+    across, down, ahead = camera.rotation[2]  # of the optical axes, upward
+    nearness = -camera.depth_factor / camera.position[2]
+    per_column, per_row = nearness * across / camera.f, nearness * down / camera.f_rows
+    corner = nearness * ahead - per_column * camera.cx - per_row * camera.cy
+    return np.array([per_column, per_row, corner])
 
 
 def _band(settings: StereoSettings) -> np.ndarray:

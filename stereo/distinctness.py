@@ -16,6 +16,8 @@ GROUP = 4  # columns that share a verdict
 ROWS = 12  # rows of a column that are compared, spread over those that agree on its range
 REACH = 10  # columns to either side [px]
 LEAST = 5  # columns that tell anything
+# How far a wrong mount may shift the floor's disparities [px].
+TILT = 2
 # A rival is a disparity further away than this [px].
 OWN = 2
 # Below this share of what disparities cost on average, costs tell of sampling, not of a match.
@@ -23,13 +25,17 @@ SAMPLING = 0.12
 
 
 @njit(cache=True, nogil=True)
-def margins(disparity, left, right, winner, bins):
+def margins(disparity, left, right, winner, floor, bins):
     """(W,) least cost of any rival over that of the winner, on the side where it is greatest (the
     left of a column, its right, both); NaN where nothing can be compared.
 
     disparity (H, W) int16 sixteenths; left, right (H, W) int16 gradients across both images;
-    winner (W,) disparity of each column [px], NaN where there is none. One column of each GROUP
+    winner (W,) disparity of each column [px], NaN where there is none; floor: (per column, per
+    row, at the corner) disparity of the floor, linear in the image. One column of each GROUP
     speaks for all that answer.
+
+    The floor is a rival of its own: a row of tiles matches as well one tile further, at one
+    disparity for all rows, where the floor itself has another for each.
     """
     rows, columns = disparity.shape
     margin = np.full(columns, np.nan)
@@ -65,15 +71,46 @@ def margins(disparity, left, right, winner, bins):
             costs[0, d] = before / (u + 1 - start) if u - start >= LEAST else np.inf
             costs[1, d] = after / (last - u - 1) if last - u > LEAST else np.inf
             costs[2, d] = (before + after) / (last - start)
+        floors = _floor_costs(left, right, agreeing, found, taken, u, first, last, floor)
         # Beside an outline, the window on one side shows another surface.
         best = -1.0
         for side in range(3):
             own, rival = _own_and_rival(costs[side, :limit], winner[u])
+            rival = min(rival, floors[side])
             if own < np.inf and rival < np.inf:
                 best = max(best, rival / own)
         if best >= 0.0:
             margin[begin:end] = best
     return margin
+
+
+@njit(cache=True, nogil=True)
+def _floor_costs(left, right, agreeing, found, taken, u, first, last, floor):
+    """Cost (3,) a pixel left of the column, right of it and of both if the rows were floor; inf
+    where most of them cannot be. The mount's doubt may shift all rows by up to TILT pixels."""
+    columns = left.shape[1]
+    costs = np.full(3, np.inf)
+    for shift in range(-TILT, TILT + 1):
+        before = after = number = 0
+        for k in range(taken):
+            v = agreeing[k * found // taken]
+            d = round(floor[0] * u + floor[1] * v + floor[2]) + shift
+            if d < 0 or first - d < 0 or last - d > columns:
+                continue
+            number += 1
+            for x in range(first, u + 1):
+                before += abs(np.int32(left[v, x]) - np.int32(right[v, x - d]))
+            for x in range(u + 1, last):
+                after += abs(np.int32(left[v, x]) - np.int32(right[v, x - d]))
+        if 2 * number <= taken:
+            continue
+        # In sums over all rows taken, as the other costs are.
+        scale = taken / number
+        costs[0] = min(costs[0], scale * before / (u + 1 - first))
+        if last > u + 1:
+            costs[1] = min(costs[1], scale * after / (last - u - 1))
+        costs[2] = min(costs[2], scale * (before + after) / (last - first))
+    return costs
 
 
 @njit(cache=True, nogil=True)
