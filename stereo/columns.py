@@ -32,6 +32,8 @@ VETO = 1.0
 ONE_SURFACE = 0.1
 # The best rival must cost so many times as much as the match.
 DISTINCT = 1.07
+# What stands no higher may be floor [m].
+LOW = 0.3
 # The outline of a surface is sought in its last so many columns: block and support fatten by 3.
 OUTLINE = 4
 # Ranges differing by more than this factor belong to different surfaces.
@@ -90,7 +92,9 @@ def nearest_per_column(
 
     needed = _needed(camera, settings, disparities)
     ranges, support, outline = nearest_standing(*gathered, needed, VETO, ONE_SURFACE)
-    margin = margins(disparity, left, right, factor / ranges, _floor(camera), disparities)
+    # At height z, the floor behind has 1 - z / height of the disparity of what stands before it.
+    shares = 1.0 - np.array([settings.height_min, LOW]) / camera.position[2]
+    margin = margins(disparity, left, right, factor / ranges, _floor(camera), shares, disparities)
     ranges[~(margin >= DISTINCT)] = np.nan
     ranges[ranges > max_range] = np.inf
     ranges = trim_outlines(ranges, outline, OUTLINE, STEP)

@@ -7,6 +7,8 @@ of a window at every disparity (winner margin; Hu and Mordohai 2012).
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import njit
 
@@ -25,17 +27,20 @@ SAMPLING = 0.12
 
 
 @njit(cache=True, nogil=True)
-def margins(disparity, left, right, winner, floor, bins):
+def margins(disparity, left, right, winner, floor, shares, bins):
     """(W,) least cost of any rival over that of the winner, on the side where it is greatest (the
     left of a column, its right, both); NaN where nothing can be compared.
 
     disparity (H, W) int16 sixteenths; left, right (H, W) int16 gradients across both images;
     winner (W,) disparity of each column [px], NaN where there is none; floor: (per column, per
-    row, at the corner) disparity of the floor, linear in the image. One column of each GROUP
-    speaks for all that answer.
+    row, at the corner) disparity of the floor, linear in the image; shares: of a winner, that the
+    floor's disparity may be for a row to show what stands (in lower rows the floor in front is
+    seen, whose match is right), and for that to be high. One column of each GROUP speaks for all
+    that answer.
 
     The floor is a rival of its own: a row of tiles matches as well one tile further, at one
-    disparity for all rows, where the floor itself has another for each.
+    disparity for all rows, where the floor itself has another for each. What is low must stand
+    out twice as much.
     """
     rows, columns = disparity.shape
     margin = np.full(columns, np.nan)
@@ -49,9 +54,13 @@ def margins(disparity, left, right, winner, floor, bins):
                 u = at
         if not winner[u] > 0.0:
             continue
-        found = 0
+        found, low = 0, True
         for v in range(rows):
+            floor_here = floor[0] * u + floor[1] * v + floor[2]
+            if floor_here > shares[0] * winner[u]:
+                continue
             if abs(disparity[v, u] / SUBPIXEL - winner[u]) <= OWN:
+                low = low and floor_here > shares[1] * winner[u]
                 agreeing[found] = v
                 found += 1
         first, last = max(u - REACH, 0), min(u + REACH + 1, columns)
@@ -78,7 +87,12 @@ def margins(disparity, left, right, winner, floor, bins):
             own, rival = _own_and_rival(costs[side, :limit], winner[u])
             rival = min(rival, floors[side])
             if own < np.inf and rival < np.inf:
-                best = max(best, rival / own)
+                # Chance makes a few pixels stand out more than many.
+                width = (u + 1 - first, last - u - 1, last - first)[side]
+                sure = math.sqrt(taken * width / (ROWS * (2 * REACH + 1)))
+                best = max(best, 1.0 + sure * (rival / own - 1.0))
+        if low:
+            best = 1.0 + 0.5 * (best - 1.0)
         if best >= 0.0:
             margin[begin:end] = best
     return margin
