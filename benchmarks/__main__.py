@@ -10,6 +10,7 @@ from benchmarks import (
     calibration,
     end_to_end,
     logs,
+    serial_faults,
     simulated,
     stereo_columns,
     stereo_end_to_end,
@@ -20,6 +21,8 @@ from benchmarks import (
     stereo_rows,
     stereo_time,
     stereo_walls,
+    visual,
+    wheel_calibration,
 )
 
 TITLE = "# Benchmarks\n\nThis page is written by `make bench`, from the repository's root."
@@ -35,7 +38,8 @@ stereo = (
     stereo_model,
     stereo_end_to_end,
 )
-sections = (end_to_end, accuracy, *stereo, logs, calibration, simulated)
+encoders = (serial_faults, wheel_calibration)
+sections = (end_to_end, accuracy, *stereo, visual, logs, calibration, *encoders, simulated)
 page = "\n\n".join([TITLE, *(section.main() for section in sections)]) + "\n"
 print(page)
 Path(sys.argv[1]).write_text(page, encoding="utf-8")

@@ -87,8 +87,7 @@ class Board:
             self._restart(path, now)
             self.words = b"# ready\r\n" if "words" in fault and self.style != "poll" else b""
         elif fault == "wrap":
-            room = (1 << self.wheels.counter_bits) - 10
-            self.zero = path - room * self.wheels.metres_per_tick
+            return  # counters of 12 and 16 bits wrap by themselves all the time
         elif fault == "stall":
             self.silent_until = now + pause
         else:
@@ -130,7 +129,8 @@ class Board:
             return line[cut:] if self.rng.random() < 0.5 else line[:cut] + b"\n"
         digits = [i for i, byte in enumerate(line.partition(b"*")[0]) if 48 <= byte < 58]
         place = digits[int(self.rng.integers(len(digits)))]
-        return line[:place] + bytes([48 + int(self.rng.integers(10))]) + line[place + 1 :]
+        digit = (line[place] - 48 + int(self.rng.integers(1, 10))) % 10
+        return line[:place] + bytes([48 + digit]) + line[place + 1 :]
 
 
 def events(board: Board, decoder, now: int, path: np.ndarray) -> list[LineEvent]:

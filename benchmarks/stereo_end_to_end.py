@@ -17,9 +17,12 @@ import numpy as np
 
 from benchmarks.rendered import PRESETS, cache, missing, rendered
 from benchmarks.report import map_recording
-from pipeline.evaluate_map import evaluate_map_files
-from pipeline.evaluate_path import evaluate_path_files
+from pipeline.evaluate_map import obstacle_rates
+from pipeline.evaluate_path import align, evaluate_path_files, match
 from pipeline.experiments.report import markdown_table
+from pipeline.experiments.scores import carried
+from pipeline.map_files import read_map
+from pipeline.trajectory import read_tum
 from simulation.drive import drive
 from simulation.scene import load_scene
 from simulation.wheels import MINIBEE_ENCODERS, WheelNoise
@@ -52,8 +55,9 @@ def main() -> str:
             markdown_table(HEADER, rows),
             f"{len(SEEDS)} seeds of the wheels on the same images; default settings. ATE: RMSE "
             "after SE(2) alignment; lost: worse than 1 m; F1 of obstacle cells within one cell, "
-            "mean, against what perfect sensors would see; wall: time of a run, mean. Asked for: "
-            "hierarchical at most 0.10 m on office and clutter, F1 at least 0.7, no run lost.",
+            "mean, against what perfect sensors would see, the map placed by its path; wall: "
+            "time of a run, mean. Asked for: hierarchical at most 0.10 m on office and clutter, F1 "
+            "at least 0.7, no run lost.",
         ]
     )
 
@@ -68,7 +72,7 @@ def _row(filmed: Path, room: str, method: str) -> list[str]:
             path = evaluate_path_files(run / "trajectory.tum", run / "truth.tum")
             ates.append(path.ate_rmse)
             length = path.reference_length
-            f1s.append(evaluate_map_files(run, filmed / "truth" / "seen.yaml").f1)
+            f1s.append(_f1(run, filmed / "truth" / "seen.yaml"))
             seconds.append(facts["seconds"]["total"])
     return [
         f"{length:.0f}",
@@ -79,6 +83,19 @@ def _row(filmed: Path, room: str, method: str) -> list[str]:
         f"{np.mean(f1s):.3f}",
         f"{np.mean(seconds):.1f}",
     ]
+
+
+def _f1(run: Path, ideal: Path) -> float:
+    """Of obstacle cells within one cell, the map placed as the SE(2) alignment of its path says.
+
+    Least dissimilarity, by which `beemap evaluate map` aligns, runs to the end of its search where
+    few cells are decided, as in the map of a few windows.
+    """
+    found = read_tum(run / "trajectory.tum")
+    known, true = match(found, read_tum(run / "truth.tum"))
+    placed = carried(read_map(run), align(found.poses[known], true))
+    precision, recall = obstacle_rates(placed, read_map(ideal), np.zeros(3))
+    return 2.0 * precision * recall / max(precision + recall, 1e-9)
 
 
 def _driven_anew(filmed: Path, recording: Path, scene: str, seed: int) -> None:

@@ -20,7 +20,7 @@ SLOW = 50 * MS
 TIMEOUT = 300 * MS
 QUIET = 100 * MS
 # Readings further apart than this are a silence.
-SILENCE = 1000 * MS
+SILENCE = 500 * MS
 # So many bytes without a reading are the wrong protocol or baud rate.
 MANY_BYTES = 200
 REMEMBERED = 512

@@ -11,7 +11,14 @@ from odometry.encoders import EncoderParameters
 from odometry.motion import Motion
 from odometry.reader import Tap
 from odometry.settings import OdometrySettings
-from odometry.tick_track import RECENT_NS, USUAL_OF, TickTrack, gaps, lost_motion
+from odometry.tick_track import (
+    RECENT_NS,
+    USUAL_OF,
+    TickTrack,
+    gap_doubt,
+    gaps,
+    lost_motion,
+)
 
 WAIT_S = 0.5  # an image whose ticks do not come in this time gets no motion
 
@@ -78,6 +85,10 @@ class LiveOdometry:
             gap = bool(gaps(np.array([*(row[0] for row in recent), stamp]))[-1])
             if reading.reset:
                 lost = self._lost(stamp)
+            if gap:
+                last = self._rows[-1]
+                step = np.subtract(paths, last[1:3])
+                lost = (lost[0] + gap_doubt(step, (stamp - last[0]) / 1e9), lost[1])
         self._rows.append((stamp, *paths, gap, *lost))
         self._counts["ticks"] += 1
         self._counts["tick_gaps"] += gap

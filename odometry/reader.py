@@ -38,8 +38,10 @@ from odometry.ports import (
 from odometry.raw_log import LOST, OPENED, RECEIVED, SENT, LineEvent, RawLog, read_raw_log
 from odometry.settings import OdometrySettings
 
-# A streamed chunk is let grow for this long, so that many short lines cost few wake-ups [s].
-GATHER_S = 0.004
+# A streamed chunk is let grow for a while, the longer one where chunks follow one another within
+# BUSY_NS, so that many short lines cost few wake-ups [s].
+GATHER_S = (0.002, 0.012)
+BUSY_NS = 18_000_000
 BACK_OFF_S = (0.2, 5.0)  # first and longest wait before a lost device is tried again
 MOST_UNREAD = 200_000  # readings that a tap keeps for a consumer who does not come
 
@@ -149,6 +151,7 @@ class LiveEncoders(Encoders):
         self._port = port
         self._identity: UsbIdentity | None = identity_of(port)
         self._line: serial.Serial | None = open_port(port, device)
+        self._chunk = 0  # when the last one came
         self._stop = threading.Event()
         self._event(OPENED, port.encode())
         self._thread = threading.Thread(target=self._run, name=f"encoders {port}", daemon=True)
@@ -223,8 +226,8 @@ class LiveEncoders(Encoders):
         if not data:
             return
         if not polled:
-            time.sleep(GATHER_S)
-        stamp = time.monotonic_ns()
+            time.sleep(GATHER_S[time.monotonic_ns() - self._chunk < BUSY_NS])
+        stamp = self._chunk = time.monotonic_ns()
         if waiting := line.in_waiting:
             data += line.read(waiting)
         self._event(RECEIVED, data, stamp)

@@ -12,7 +12,7 @@ from odometry.errors import OdometryError
 from odometry.motion import Motion
 from odometry.settings import OdometrySettings
 from odometry.tick_log import TickLog
-from odometry.tick_track import TickTrack, gaps, lost_motion
+from odometry.tick_track import TickTrack, gap_doubt, gaps, lost_motion
 
 # More readings than this share beyond the counter's range are no damage: its width is wrong.
 MOST_OUT_OF_RANGE = 0.01
@@ -111,7 +111,10 @@ def _track(
     for i in np.flatnonzero(reset[1:]).tolist():
         seconds = float(stamps[i + 1] - stamps[i]) / 1e9
         lost[i] = lost_motion(stamps[: i + 1], paths[: i + 1], seconds, parameters, settings)
-    return TickTrack(stamps, paths, gaps(stamps), lost), counts
+    in_gap = gaps(stamps)
+    for i in np.flatnonzero(in_gap).tolist():
+        lost[i, 0] += gap_doubt(paths[i + 1] - paths[i], float(stamps[i + 1] - stamps[i]) / 1e9)
+    return TickTrack(stamps, paths, in_gap, lost), counts
 
 
 def _usable(ticks: TickLog, parameters: EncoderParameters) -> np.ndarray:

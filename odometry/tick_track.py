@@ -21,7 +21,7 @@ USUAL_OF = 16
 # a share of the greatest speed, rad/s; and a little that does not depend on time [m, rad].
 RECENT_NS = 1_000_000_000
 USUAL_SHARE = 0.25
-USUAL_TURN = 0.3
+USUAL_TURN = 0.5
 LEAST_LOST = (0.05, math.radians(3.0))
 
 
@@ -29,8 +29,8 @@ LEAST_LOST = (0.05, math.radians(3.0))
 class TickTrack:
     """stamps: (n,) int64 ns, increasing; paths: (n, 2) of the left and right wheel [m].
 
-    in_gap: (n - 1,) intervals without readings though some were due; lost: (n - 1, 2) variance of
-    what was driven while the counters began anew [m^2, rad^2], zero elsewhere.
+    in_gap: (n - 1,) intervals without readings though some were due; lost: (n - 1, 2) further
+    variance there, and where the counters began anew [m^2, rad^2], zero elsewhere.
     """
 
     stamps: np.ndarray
@@ -82,6 +82,13 @@ def gaps(stamps: np.ndarray) -> np.ndarray:
         before = intervals[max(i - USUAL_OF, 0) : i]
         found[i] = len(before) > 0 and intervals[i] > GAP_INTERVALS * np.median(before)
     return found
+
+
+def gap_doubt(step: np.ndarray, seconds: float) -> float:
+    """Variance [m^2] of where a robot went whose wheels went `step` (2,) m in a gap: it may have
+    turned away and back."""
+    travel = 0.5 * float(np.abs(step).sum())
+    return (0.5 * travel * min(USUAL_TURN * seconds, 1.0)) ** 2
 
 
 def lost_motion(

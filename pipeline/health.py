@@ -53,10 +53,13 @@ WORTH_TELLING = np.array([0.01, 0.01, math.radians(0.1)])
 OUTLIER = 4.0  # robust standard deviations
 
 
-def health_lines(mapper: HierarchicalMapper, sight: str, encoders: bool) -> list[str]:
+def health_lines(
+    mapper: HierarchicalMapper, sight: str, encoders: bool, images: bool = False
+) -> list[str]:
     """The lines of a finished run.
 
-    sight: "columns" of a camera or "beams" of a laser; encoders: the odometry is ours to calibrate.
+    sight: "columns" of a camera or "beams" of a laser; encoders: the odometry is ours to
+    calibrate; images: it comes from the images, or from both.
     """
     steps = mapper.filter.health
     if not steps:
@@ -67,7 +70,7 @@ def health_lines(mapper: HierarchicalMapper, sight: str, encoders: bool) -> list
         matching_line(steps),
         answers_line(steps, sight),
         *agreement_lines(np.array(mapper.odometry), mapper.path()),
-        *odometry_lines(errors, encoders),
+        *odometry_lines(errors, encoders, images),
     ]
 
 
@@ -225,7 +228,9 @@ def agreement_lines(odometry: np.ndarray, path: np.ndarray) -> list[str]:
     ]
 
 
-def odometry_lines(errors: OdometryErrors | None, encoders: bool) -> list[str]:
+def odometry_lines(
+    errors: OdometryErrors | None, encoders: bool, images: bool = False
+) -> list[str]:
     """What odometry does wrong, and its remedy; nothing where nothing is certain."""
     if errors is None or not errors.significant.any():
         return []
@@ -251,7 +256,9 @@ def odometry_lines(errors: OdometryErrors | None, encoders: bool) -> list[str]:
             f"{math.degrees(t_error):.2f} deg a metre where the robot does not"
         )
         lines.append(line + (f": {larger}_radius of the encoders is too large" if encoders else ""))
-    if not encoders:
+    if images:
+        lines[-1] += ": calibrate the cameras, or doubt them more (visual.along, visual.heading)"
+    elif not encoders:
         lines[-1] += ": calibrate the robot's odometry, or doubt it more (odometry.heading, .along)"
     return lines
 

@@ -10,7 +10,7 @@ from typing import Any
 from mapping.known_map import KnownMap
 from odometry.walk import LEAP, leaps
 from pipeline.checkpoint import Observations
-from pipeline.motion import choose_motion
+from pipeline.motion import motion_of, usual_motion
 from pipeline.recordings.base import Recording
 from pipeline.recordings.scan_log import ODDITIES, USUAL, ScanLog
 from pipeline.rig import choose_rig
@@ -39,19 +39,22 @@ class Job:
 def recording_job(
     recording: Recording,
     rig_file: Path | None,
-    motion: str,
+    motion: str | None,
     settings: Settings,
     seed: int,
     threads: int,
     begin: KnownMap | None = None,
 ) -> Job:
-    """A recording with the rig and the motion that the user chose.
+    """A recording with the rig and the motion that the user chose; None: what it holds.
 
     Raises:
         InputError, RigError: rig or motion are missing or wrong.
     """
     rig, notes = choose_rig(recording, rig_file)
-    source = choose_motion(motion, recording, rig, settings.odometry, seed)
+    if motion is None:
+        motion, more = usual_motion(recording)
+        notes += more
+    source = motion_of(motion, recording, rig, settings, seed)
 
     def run(progress: Progress, interrupted: Interrupted, known: Observations) -> MapRun:
         return map_recording(

@@ -156,7 +156,13 @@ def _summary(
         # ru_maxrss counts kilobytes on Linux, bytes on macOS.
         "peak_memory_mb": round(peak / (1e6 if sys.platform == "darwin" else 1e3), 1),
         "health": [
-            *health_lines(run.mapper, sight, encoders=facts.get("motion") == "encoders"),
+            *health_lines(
+                run.mapper,
+                sight,
+                encoders=facts.get("motion") == "encoders",
+                images=facts.get("motion") in ("visual", "fused"),
+            ),
+            *run.told,
             *image_lines(run.skipped, run.brightness),
         ],
         "versions": {name: version(name) for name in VERSIONS_OF},

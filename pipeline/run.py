@@ -16,12 +16,13 @@ from mapping.gate import ObservationGate
 from mapping.known_map import KnownMap
 from mapping.mapper import HierarchicalMapper
 from odometry.motion import Motion
-from odometry.source import MotionSource
 from pipeline.checkpoint import NOTHING, Observations
 from pipeline.errors import InputError
 from pipeline.frontend import UNREADABLE, Observation, ahead, observe
 from pipeline.health import REMEDIES
+from pipeline.motion_told import told
 from pipeline.recordings.base import DamagedFrameError, Pair, Recording, image_size
+from pipeline.seeing import AnyMotion, LoadedPair, moved
 from pipeline.settings import Settings
 from stereo.errors import StereoError
 from stereo.pair_check import check_pair
@@ -54,7 +55,7 @@ class MapRun:
     """All that a run found out; `pipeline.results` writes it down.
 
     unit: what the input consists of; key_frames: None where there are no images; brightness: of
-    each observation, the left image over the right one.
+    each observation, the left image over the right one; told: what the motion's source has to say.
     """
 
     mapper: HierarchicalMapper
@@ -64,6 +65,7 @@ class MapRun:
     skipped: dict[str, list[str]] = field(default_factory=dict)
     brightness: list[float] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=lambda: defaultdict(float))
+    told: list[str] = field(default_factory=list)
     partial: bool = False
 
     @property
@@ -91,18 +93,18 @@ class MapRun:
 
 @dataclass(frozen=True)
 class Step:
-    """One pair on its way: where it lies, how the robot came there, what is wanted of it."""
+    """One pair on its way: how the robot came there, and what is wanted of it."""
 
-    files: Pair
+    pair: Pair
     motion: Motion | None
-    due: bool
-    key_frame: bool
+    due: bool = False
+    key_frame: bool = False
 
 
 def map_recording(
     recording: Recording,
     rig: StereoRig,
-    motion: MotionSource,
+    motion: AnyMotion,
     settings: Settings,
     seed: int = 0,
     threads: int = 1,
@@ -129,51 +131,54 @@ def map_recording(
     def work(step: Step) -> Observation | None:
         if not step.due:
             return None
-        return known.get(step.files.stamp) or observe(step.files, ranger, step.key_frame)
+        return known.get(step.pair.stamp) or observe(step.pair, ranger, step.key_frame)
 
     total = len(recording.pairs)
-    stepper = Stepper(motion, mapper.gate)
-    steps = (stepper.step(pair) for pair in recording.pairs)
+    stepper = Stepper(mapper.gate)
+    with_motion = moved(recording.pairs, motion, threads)
+    steps = (stepper.step(pair, motion) for pair, motion in with_motion)
     for step, seen in run.each(ahead(steps, work, threads), total, progress, interrupted):
         if seen is not None:
-            known.add(step.files.stamp, seen)
+            known.add(step.pair.stamp, seen)
         take(step, seen, run)
     if not run.counts["observations"] and not run.partial:
         raise InputError(f"{recording.path}: none of {total} pairs could be used: {_why(run)}")
     mapper.finish()
+    run.told = told(motion, recording.pairs[0].stamp)
     return run
 
 
 class Stepper:
-    """Tells of every pair how the robot came there and what is wanted of it.
+    """Tells of every pair what is wanted of it.
 
-    Motion is known before the images are looked at: only due pairs are read at all.
+    Motion is known before a pair is matched, and mostly before it is read: due pairs only.
     """
 
-    def __init__(self, motion: MotionSource, gate: ObservationGate) -> None:
-        self._motion = motion
+    def __init__(self, gate: ObservationGate) -> None:
         self._gate = gate
         self._key_gate = ObservationGate(*KEY_FRAME_SPACING)
         self._since = Motion.none(0)
 
-    def step(self, pair: Pair) -> Step:
-        """The next pair, in order of time."""
-        moved = self._motion.until(pair.stamp)
-        if moved is None:
-            return Step(pair, None, False, False)
-        due = self._gate.step(moved.increment)
-        self._since = self._since.then(moved)
+    def step(self, pair: Pair, motion: Motion | None) -> Step:
+        """The next pair, in order of time, and the motion since the last that had any."""
+        if motion is None:
+            return Step(pair, None)
+        due = self._gate.step(motion.increment)
+        self._since = self._since.then(motion)
         key_frame = due and self._key_gate.step(self._since.increment)
         if due:
             self._since = Motion.none(pair.stamp)
-        return Step(pair, moved, due, key_frame)
+        return Step(pair, motion, due, key_frame)
 
 
 def take(step: Step, seen: Observation | None, run: MapRun) -> None:
     """Let the run have a pair, and what was seen in it where it was due."""
+    if step.motion is None and isinstance(step.pair, LoadedPair) and step.pair.damage:
+        _skip(run, UNREADABLE, step.pair.damage)
+        return
     if step.motion is None:
         run.counts["pairs without motion"] += 1
-        run.skipped.setdefault("pair without motion", []).append(str(step.files.stamp))
+        run.skipped.setdefault("pair without motion", []).append(str(step.pair.stamp))
         return
     run.mapper.move(step.motion)
     run.counts["pairs used"] += 1
@@ -182,14 +187,18 @@ def take(step: Step, seen: Observation | None, run: MapRun) -> None:
     run.seconds["reading"] += seen.seconds_reading
     run.seconds["stereo"] += seen.seconds_stereo
     if seen.scan is None:
-        run.counts[f"{UNREADABLE}s" if seen.kind == UNREADABLE else "useless pairs"] += 1
-        run.skipped.setdefault(seen.kind, []).append(seen.damage)
+        _skip(run, seen.kind, seen.damage)
         return
     run.brightness.append(seen.brightness)
     run.counts["observations"] += 1
     run.mapper.observe(seen.scan)
     if run.key_frames is not None and seen.points is not None and seen.colours is not None:
         run.key_frames.append(KeyFrame(len(run.mapper.stamps) - 1, seen.points, seen.colours))
+
+
+def _skip(run: MapRun, kind: str, damage: str) -> None:
+    run.counts[f"{UNREADABLE}s" if kind == UNREADABLE else "useless pairs"] += 1
+    run.skipped.setdefault(kind, []).append(damage)
 
 
 def make_ranger(rig: StereoRig, settings: Settings) -> StereoRanger:

@@ -1,11 +1,12 @@
 """How a camera or a laser moved, in its own frame and by what it saw alone.
 
-This is what the wheels are calibrated against. Pairs tell by their features; scans by matching
+This is what the wheels are calibrated against. Pairs tell by visual odometry; scans by matching
 each to those before it, where the wheels only say where to look.
 """
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 
@@ -17,14 +18,12 @@ from mapping.gate import ObservationGate
 from mapping.settings import MappingSettings
 from odometry.motion import Motion, compose, inverse
 from odometry.settings import OdometrySettings
-from odometry.source import MotionSource
 from odometry.walk import step_covariances
-from pipeline.mount import floor_matcher, reduced
-from pipeline.mount_steps import STEP, looked_at
-from pipeline.recordings.base import RecordedPair, Recording
-from pipeline.whole_images import whole_rectifier
-from stereo.floor_motion import motion_between
+from pipeline.recordings.base import Recording
+from pipeline.seeing import LoadedPair, moved
+from pipeline.visual_motion import VisualMotion
 from stereo.scan import RangeScan
+from stereo.visual_settings import VisualSettings
 
 # The wheels may be off by this much more than any wheels are.
 LOOSE = OdometrySettings(along=0.15, across=0.15, heading=10.0, turn=10.0)
@@ -34,37 +33,21 @@ Progress = Callable[[int, int], None]
 SensorMotions = list[Motion | None]
 
 
-def visual_motions(
-    recording: Recording, rig: StereoRig, source: MotionSource, progress: Progress
-) -> SensorMotions:
-    """Motion of the camera's foot on the floor from pair to pair, each about `STEP` on.
+def visual_motions(recording: Recording, rig: StereoRig, progress: Progress) -> SensorMotions:
+    """Motion of the camera's foot on the floor from pair to pair, by visual odometry.
 
     Height, pitch and roll of the rig's mount must be right; its yaw, x and y are not used.
     """
-    small, scale = reduced(rig)
     mount = replace(rig.mount or Mount(), yaw=0.0, x=0.0, y=0.0)
-    rectify = whole_rectifier(small, mount)
-    due = _due(recording, source)
+    camera = VisualMotion(rig.with_mount(mount), VisualSettings(), seed=0, hold=False)
     motions: SensorMotions = []
-    before = None
-    looked = looked_at(recording, due, rectify, floor_matcher(rectify), scale)
-    for done, (pair, features) in enumerate(looked, start=1):
-        progress(done, len(due))
-        if before is not None:
-            motion = None
-            if features is not None and before[1] is not None:
-                motion = motion_between(before[1], features, rectify.camera)
-            motions.append(
-                motion and Motion(motion.increment, motion.covariance, before[0].stamp, pair.stamp)
-            )
-        before = pair, features
-    return motions
-
-
-def _due(recording: Recording, source: MotionSource) -> list[RecordedPair]:
-    gate = ObservationGate(*STEP)
-    motions = ((pair, source.until(pair.stamp)) for pair in recording.pairs)
-    return [pair for pair, motion in motions if motion and gate.step(motion.increment)]
+    pairs = moved(recording.pairs, camera, os.cpu_count() or 1)
+    for done, (pair, motion) in enumerate(pairs, start=1):
+        progress(done, len(recording.pairs))
+        if isinstance(pair, LoadedPair) and pair.damage:
+            recording.skip("damaged or unfit image", [pair.damage])
+        motions.append(motion)
+    return motions[1:]
 
 
 def scan_motions(

@@ -27,11 +27,11 @@ from stereo.settings import StereoSettings
 LEAST_HEIGHT = 0.03
 LEAST_SHARE = 0.6
 # So many times that, filled in across a blank surface before a sure one: something may stand there.
-VETO = 2.0
+VETO = 1.0
 # Disparities within this share of each other (at least 1 px) may be of one surface.
 ONE_SURFACE = 0.1
 # The best rival must cost so many times as much as the match.
-DISTINCT = 1.12
+DISTINCT = 1.07
 # The outline of a surface is sought in its last so many columns: block and support fatten by 3.
 OUTLINE = 4
 # Ranges differing by more than this factor belong to different surfaces.
@@ -39,9 +39,9 @@ STEP = 1.1
 TINY = 1e-9
 # Variance of a disparity in units of noise^2: what is always there, what a match by AT_MARGIN
 # over its rival adds, and what AT_SUPPORT pixels do. Fitted to the rendered recordings.
-ALWAYS, AT_MARGIN, AT_SUPPORT = 0.16, 0.52, 144.0
+ALWAYS, AT_MARGIN, AT_SUPPORT = 0.04, 0.2, 160.0
 # Disagreement with the neighbouring columns counts so many times: it is seen less than it is.
-ROUGHNESS = 1.8
+ROUGHNESS = 3.0
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ def nearest_per_column(
     would match as well; +inf where what answers lies beyond `max_range`.
     """
     left, right = (cv2.Sobel(image, cv2.CV_16S, 1, 0, ksize=3) for image in images)
-    *gathered, closest = gather(
+    gathered, closest = gather(
         disparity,
         left,
         seen,
@@ -79,7 +79,7 @@ def nearest_per_column(
         np.array([camera.f, camera.f_rows, camera.cx, camera.cy, camera.baseline]),
         float(camera.position[2]),
         _band(settings),
-        settings.texture * gradient_noise(left),
+        settings.texture * gradient_noise(left, seen[0], seen[1]),
         disparities + 1,
     )
     secant = np.hypot(1.0, (np.arange(camera.width) - camera.cx) / camera.f)

@@ -40,6 +40,7 @@ class DisparityMatcher:
             camera.f, camera.baseline, camera.width
         )
         self.settings = settings
+        self._rows = camera.height
         self._local = threading.local()  # a matcher holds buffers: one a thread
 
     def __call__(self, left: np.ndarray, right: np.ndarray) -> np.ndarray:
@@ -67,7 +68,8 @@ class DisparityMatcher:
     def _new(self) -> cv2.StereoMatcher:
         settings, block = self.settings, self.settings.block
         if settings.matcher == "bm":
-            plain = cv2.StereoBM.create(self.disparities, max(5, BM_BLOCK * block))
+            most = (self._rows - 1) // 2 * 2 + 1  # odd; a block must fit into the image
+            plain = cv2.StereoBM.create(self.disparities, min(max(5, BM_BLOCK * block), most))
             plain.setUniquenessRatio(settings.uniqueness)
             plain.setSpeckleWindowSize(settings.speckle)
             plain.setSpeckleRange(1)

@@ -12,14 +12,19 @@ SMOOTHEST = 0.03
 LEAST = 2.0
 
 
-def gradient_noise(gradients: np.ndarray) -> float:
+def gradient_noise(gradients: np.ndarray, first: np.ndarray, last: np.ndarray) -> float:
     """Root mean square of the gradients (H, W) int16 in the smoothest blocks of an image.
 
-    Never below LEAST: compression leaves blocks without any noise.
+    first, last: (H,) first column and one past the last that the camera saw, in every row; the
+    rim outside them shows no noise at all. Never below LEAST: compression leaves such blocks too.
     """
     rows, columns = (n // BLOCK for n in gradients.shape)
     if not rows * columns:
         return LEAST
     squares = np.square(gradients[: rows * BLOCK, : columns * BLOCK].astype(np.float32))
     means = cv2.resize(squares, (columns, rows), interpolation=cv2.INTER_AREA)
-    return max(LEAST, float(np.sqrt(np.quantile(means, SMOOTHEST))))
+    begin = first[: rows * BLOCK].reshape(rows, BLOCK).max(axis=1, keepdims=True)
+    end = last[: rows * BLOCK].reshape(rows, BLOCK).min(axis=1, keepdims=True)
+    left = BLOCK * np.arange(columns)
+    seen = means[(left >= begin) & (left + BLOCK <= end)]
+    return max(LEAST, float(np.sqrt(np.quantile(seen, SMOOTHEST)))) if seen.size else LEAST

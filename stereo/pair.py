@@ -11,7 +11,7 @@ import numpy as np
 class StereoPair:
     """One raw (unrectified) image pair.
 
-    stamp: integer nanoseconds; left, right: uint8 (H, W) or (H, W, 3).
+    stamp: integer nanoseconds; left, right: uint8 or uint16, (H, W) or (H, W, 3) BGR.
     """
 
     stamp: int

@@ -18,7 +18,10 @@ from stereo.errors import StereoError
 
 # Rows above and below the band that SGBM needs to aggregate its costs.
 BAND_MARGIN = 12
-
+# So near [px] to what a camera did not see, a block or a gradient holds some of it.
+RIM = 3
+# In fewer rows a matcher's block finds nothing.
+LEAST_ROWS = 8
 
 # How far, as a cosine, the baseline may lean out of the image rows and out of the floor plane.
 LEAST_SIDEWAYS = 0.5
@@ -81,10 +84,13 @@ class Rectifier:
         if rig.rectified:
             f = rig.left.fx
         width, height = rig.image_size
-        rays_left = _border_rays(rig.left, rig.image_size) @ left_from_raw.T
-        rays_right = _border_rays(rig.right, rig.image_size) @ right_from_raw.T
-        cx, cy = _principal_point(rig, f, (rays_left, rays_right), left_from_raw)
-        top, bottom = _band_rows(f, cy, mount.height, heights, nearest, (rays_left, rays_right))
+        rays = (
+            _border_rays(rig.left, rig.image_size) @ left_from_raw.T,
+            _border_rays(rig.right, rig.image_size) @ right_from_raw.T,
+        )
+        cx, cy = _principal_point(rig, f, rays, left_from_raw)
+        least = LEAST_ROWS * rows_joined
+        top, bottom = _band_rows(f, cy, mount.height, heights, nearest, rays, least)
         rows = (bottom - top) // rows_joined
         self.camera = RectifiedCamera(
             width=width,
@@ -139,19 +145,18 @@ class Rectifier:
 
     def _seen_columns(self) -> np.ndarray:
         """(4, height) int32: first column and one past the last that the left, then the right
-        camera saw, in every row. What lies outside is black and matches itself."""
+        camera saw, in every row. What lies outside is black and matches itself, and so does its
+        outline as far as it reaches into blocks and gradients."""
         width, height = self.rig.image_size
         white = np.full((height, width), 255, np.uint8)
-        limits = []
-        for image in self(white, white):
-            whole = image == 255
-            first = np.where(whole.any(axis=1), whole.argmax(axis=1), image.shape[1])
-            last = image.shape[1] - whole[:, ::-1].argmax(axis=1)
-            limits += [first, np.where(whole.any(axis=1), last, 0)]
-        return np.array(limits, np.int32)
+        reach = np.ones((2 * RIM + 1, 2 * RIM + 1), np.uint8)
+        inner = [cv2.erode(image, reach) == 255 for image in self(white, white)]
+        limits = [_longest_run(row) for image in inner for row in image]
+        return np.array(limits, np.int32).reshape(2, -1, 2).transpose(0, 2, 1).reshape(4, -1)
 
     def left_in_colour(self, left: np.ndarray) -> np.ndarray:
-        """The rectified left image with its colours, for people and clouds."""
+        """The rectified left image with its colours, uint8, for people and clouds."""
+        left, _ = _eight_bits(left, left)
         if self._cut_only:
             return left[self._rows]
         return cv2.remap(left, *self._left_maps, cv2.INTER_LINEAR)
@@ -224,6 +229,7 @@ def _band_rows(
     heights: tuple[float, float],
     nearest: float,
     rays: tuple[np.ndarray, np.ndarray],
+    least: int,
 ) -> tuple[int, int]:
     """First and one past the last row that both show something and can hold obstacles."""
     ahead = np.concatenate([r[r[:, 2] > 0.05] for r in rays])
@@ -233,12 +239,22 @@ def _band_rows(
     bottom = min(float(seen.max()), max(float(slopes[0]), 0.0))
     first = int(np.floor(max(cy + f * top - BAND_MARGIN, cy + f * seen.min())))
     last = int(np.ceil(min(cy + f * bottom + BAND_MARGIN, cy + f * seen.max())))
-    if last - first < 8:
+    if last + 1 - first < least:
         raise StereoError(
             f"no image row can hold an obstacle between {heights[0]} and {heights[1]} m: "
             "check the rig's mount (height, pitch in degrees, nose down positive)"
         )
     return first, last + 1
+
+
+def _longest_run(row: np.ndarray) -> tuple[int, int]:
+    """First and one past the last of the most neighbours that are true; of a lens with barrel
+    distortion the outermost rows show the image's corners alone, with nothing between them."""
+    edges = np.flatnonzero(np.diff(row.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
+    if not len(edges):
+        return row.size, 0
+    first, last = edges[np.argmax(edges[:, 1] - edges[:, 0])]
+    return int(first), int(last)
 
 
 def _maps(camera: CameraModel, R: np.ndarray, P: np.ndarray, size: tuple[int, int]):

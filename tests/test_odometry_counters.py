@@ -72,15 +72,15 @@ def test_a_jump_elsewhere_is_told_apart_from_a_restart():
 def test_a_restart_near_zero_needs_an_announcement_to_be_seen():
     def restart(announced: bool) -> list[TickReading]:
         tracker = CounterTracker(Limits(WHEELS, 1.5))
-        tracker.take(0, 400, 400)
+        tracker.take(0, 250, 250)
         if announced:
             tracker.announce_restart()
-        return tracker.take(STEP, 10, 10)
+        return [r for k in range(1, 4) for r in tracker.take(k * STEP, 10, 10)]
 
-    (silent,), (told,) = restart(False), restart(True)
-    # 400 counts are 9 cm, which a robot may drive: a small error at worst.
-    assert (silent.left_total, silent.reset) == (10, False)
-    assert (told.left_total, told.reset) == (400, True)
+    silent, told = restart(False), restart(True)
+    # 240 counts are 6 cm, which a robot may drive: a small error at worst.
+    assert [(r.left_total, r.reset) for r in silent] == [(10, False)] * 3
+    assert [(r.left_total, r.reset) for r in told] == [(250, True), (250, False), (250, False)]
 
 
 def test_after_a_silence_zero_is_a_restart_even_where_the_way_back_is_possible():
@@ -129,7 +129,7 @@ def test_totals_never_leap_and_taken_readings_give_the_same_again(counts):
         inside = ((table >= -(2**15)) & (table < 2**16)).all()
         quick = all_believable(1000 + STEP * np.arange(len(table)), table, Limits(WHEELS, 1.5))
         undisturbed = len(readings) == len(counts) and not any(r.reset for r in readings)
-        assert not inside or quick == undisturbed
+        assert undisturbed or not (inside and quick)
 
 
 def test_a_restart_in_a_recording_is_no_motion_with_much_doubt():

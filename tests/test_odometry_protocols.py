@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import binascii
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -45,6 +46,14 @@ def test_the_sketch_is_understood(t_us, left, right):
     assert protocol.feed(b"# beemap encoders, ready\r\n") == [Banner("# beemap encoders, ready")]
     assert protocol.feed(sketch_line(t_us, left, right)) == [Sample(left, right, t_us % 2**32)]
     assert protocol.counts.total() == 0
+
+
+def test_the_sketch_prints_what_its_twin_here_prints():
+    sketch = (Path(__file__).parent.parent / "docs" / "arduino" / "encoders.ino").read_text()
+    assert 'snprintf(line, sizeof line, "%lu,%ld,%ld", now, left, right);' in sketch
+    for part in ("checksum ^= *c", "Serial.print('*')", "Serial.println(checksum)"):
+        assert part in sketch
+    assert sketch_line(7, 1, -2) == b"7,1,-2*25\r\n"
 
 
 @pytest.mark.parametrize(

@@ -280,7 +280,7 @@ def test_a_missing_image_does_not_shift_the_others(tmp_path, fps):
     left, right = [f"l{i:03}" for i in range(6)], [f"r{i:03}" for i in range(6)]
     del left[4], right[2]
     recording = open_recording(plain(tmp_path, left, right), fps)
-    numbers = [(pair.left.stem[1:], pair.right.stem[1:]) for pair in recording.pairs]
+    numbers = [tuple(file.stem[1:] for file in pair.files) for pair in recording.pairs]
     assert numbers == [("000", "000"), ("001", "001"), ("003", "003"), ("005", "005")]
     assert stamps(recording) == [i * round(1e9 / fps) for i in (0, 1, 3, 5)]
     assert recording.skipped == {

@@ -48,7 +48,8 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--motion",
-    help="encoders (the default), poses (the recording's own) or poses:FILE.tum",
+    help="encoders, visual (from the images), fused (both), poses (the recording's own) or "
+    "poses:FILE.tum; default: encoders where there are any, else visual",
 )
 @click.option(
     "--method",

@@ -92,7 +92,7 @@ def _of_recording(
     assert isinstance(source, EncoderOdometry)
     parameters = wheels_of(recording, rig)
     with progress_bar("looking", "pairs", quiet) as progress:
-        motions = visual_motions(recording, rig, source, progress)
+        motions = visual_motions(recording, rig, progress)
     found = estimate_wheels(source.track, parameters, motions, settings)
     return rig, parameters, replace(found, notes=[*notes, *found.notes])
 

@@ -56,6 +56,7 @@ def read(
         with open_encoders(device, parameters, OdometrySettings(), raw) as encoders:
             encoders.wait_ready(READY_S)
             readings = _follow(encoders, seconds, quiet)
+        readings += encoders.readings()  # what came while it was being closed
     for event in encoders.events():
         click.echo(event)
     if output is not None:
@@ -94,7 +95,7 @@ def _follow(encoders: LiveEncoders, seconds: float | None, quiet: bool) -> list[
                 click.echo(f"left {last.left:>10}  right {last.right:>10}  {rate:6.0f} a second")
     except KeyboardInterrupt:
         click.echo("stopped", err=True)
-    return readings + encoders.readings()
+    return readings
 
 
 def _write(readings: list[TickReading], output: Path, force: bool) -> None:

@@ -54,7 +54,8 @@ class LiveMapper:
         self.latencies: list[float] = []
         self._rig = rig
         self._ranger = make_ranger(rig, settings)
-        self._stepper = Stepper(motion, self.mapper.gate)
+        self._motion = motion
+        self._stepper = Stepper(self.mapper.gate)
         self._known = known
         self._saver = saver
         self._on_pose = on_pose
@@ -109,7 +110,7 @@ class LiveMapper:
 
     def _map(self, pair: CapturedPair) -> None:
         local_maps = len(self.mapper.filter.health)
-        step = self._stepper.step(pair)
+        step = self._stepper.step(pair, self._motion.until(pair.stamp))
         seen = None
         if step.due:
             self._check(step, pair)

@@ -7,8 +7,8 @@ one scan a line, 707 numbers, fields parted by blanks. The robot is known, not t
 before the axle. Ranges of 0 are none, and those of a few millimetres error codes.
 
 The published track is 330 mm. `beemap odometry calibrate` on exp1.dat finds that the robot turns
-as with 307 mm (radii as published), and that the ticks are older than the scan by 0.15 s; with
-these the walls come out straight.
+as with 307 mm (radii as published), and that each scan is 0.15 s older than the ticks beside it;
+with these the walls come out straight.
 """
 
 from __future__ import annotations
