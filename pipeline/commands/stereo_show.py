@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,7 +18,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from calibration.rig import StereoRig
-    from pipeline.recordings.base import RecordedPair, Recording
+    from pipeline.recordings.base import Pair, Recording
     from pipeline.settings import Settings
     from stereo.pair import StereoPair
     from stereo.ranger import StereoFrame, StereoRanger
@@ -122,7 +121,7 @@ class _Artist:
         self._truth = RenderedTruth(scans, recording.path / SCANS) if scans else None
         self._picture = StereoPicture(self.ranger)
 
-    def range(self, files: RecordedPair) -> tuple[StereoPair, StereoFrame] | Exception:
+    def range(self, files: Pair) -> tuple[StereoPair, StereoFrame] | Exception:
         """The pair with what was made of it, or why that cannot be."""
         from pipeline.recordings.base import DamagedFrameError
         from stereo.errors import StereoError
@@ -203,7 +202,7 @@ def _writer(target: Path, video: Path, picture: np.ndarray, rate: float) -> cv2.
     return writer
 
 
-def _rate(pairs: Sequence[RecordedPair]) -> float:
+def _rate(pairs: Sequence[Pair]) -> float:
     """Pairs a second of the recording."""
     import numpy as np
 
