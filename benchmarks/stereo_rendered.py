@@ -10,7 +10,7 @@ import numpy as np
 from benchmarks.rendered import PRESETS, cache, inside_other_image, missing, rendered, truth
 from pipeline.experiments.report import markdown_table
 from pipeline.frontend import ahead
-from pipeline.recordings.base import PairFiles, Recording
+from pipeline.recordings.base import Pair, Recording
 from pipeline.run import USABLE_CELLS
 from pipeline.settings import Settings
 from simulation.true_scans import TrueScans
@@ -54,7 +54,7 @@ def measure(recording: Recording, scans: TrueScans, settings: StereoSettings) ->
     cell = Settings().mapping.cell
     ranger = StereoRanger(recording.rig, settings, usable_sigma=USABLE_CELLS * cell)
 
-    def work(files: PairFiles) -> RangeScan:
+    def work(files: Pair) -> RangeScan:
         return ranger(files.load())
 
     found = [scan for _, scan in ahead(recording.pairs, work, THREADS)]

@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.rendered import PRESETS, cache, missing, rendered
 from pipeline.experiments.report import markdown_table
 from pipeline.frontend import ahead
-from pipeline.recordings.base import PairFiles, Recording
+from pipeline.recordings.base import Pair, Recording
 from stereo.ranger import StereoRanger
 from stereo.scan import RangeScan
 from stereo.settings import StereoSettings
@@ -47,7 +47,7 @@ def _row(recording: Recording) -> list[str]:
     rows = whole.camera.height * whole.camera.rows_joined
     whole.settings = settings  # the rows are chosen: from here on the same band of heights
 
-    def work(files: PairFiles) -> tuple[RangeScan, RangeScan]:
+    def work(files: Pair) -> tuple[RangeScan, RangeScan]:
         pair = files.load()
         return band(pair), whole(pair)
 

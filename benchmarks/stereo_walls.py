@@ -18,7 +18,7 @@ from simulation.rigs import bent_minibee, with_baseline
 from simulation.tracer import Tracer
 from stereo.ranger import StereoRanger
 
-DISTANCES = (2.0, 4.0, 6.0)  # m, of the wall at the last observation's middle column
+DISTANCES = (2.0, 4.0, 6.0)  # m, along the view, at the middle of the way
 ANGLES = (0, 15, 30, 45)  # deg between the view and the wall's normal
 BASELINES = (0.060, 0.120)  # m
 HEADER = (

@@ -95,6 +95,13 @@ class Encoders:
             self._taps.append(Tap(self._news))
             return self._taps[-1]
 
+    def taps(self, count: int) -> list[Tap]:
+        """So many taps that begin with the same reading."""
+        with self._news:
+            new = [Tap(self._news) for _ in range(count)]
+            self._taps += new
+            return new
+
     def readings(self) -> list[TickReading]:
         """As `Tap.readings`."""
         return self._own.readings()

@@ -11,6 +11,9 @@ from pipeline.commands.lazy import LazyGroup
 # name -> (module:function in pipeline.commands, what it does).
 COMMANDS = {
     "map": ("map:map_command", "Map a recording or a scan log: map and path out."),
+    "live": ("live:live_command", "Map while the robot drives."),
+    "doctor": ("doctor:doctor_command", "Look whether everything is ready for a live run."),
+    "record": ("record:record_command", "Record cameras and encoders."),
     "info": ("info:info_command", "Say what a recording or a scan log holds."),
     "calibrate": ("calibrate:calibrate", "Calibrate a new camera pair."),
     "odometry": ("odometry:odometry", "Read, calibrate and check wheel encoders."),

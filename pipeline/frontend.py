@@ -49,7 +49,7 @@ def observe(files: Pair, ranger: StereoRanger, key_frame: bool) -> Observation:
         read = time.perf_counter()
         check = check_pair(pair.left, pair.right)
         if check.defect:
-            name = str(files.right if check.defect == RIGHT_COVERED else files.left)
+            name = files.where(right=check.defect == RIGHT_COVERED)
             return Observation(None, check.defect, name, seconds_reading=read - start)
         frame = ranger.frame(pair)
     except (DamagedFrameError, StereoError) as error:

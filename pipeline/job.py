@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from odometry.walk import LEAP, leaps
+from pipeline.checkpoint import Observations
 from pipeline.motion import motion_of, usual_motion
 from pipeline.recordings.base import Recording
 from pipeline.recordings.scan_log import ODDITIES, USUAL, ScanLog
@@ -27,7 +28,7 @@ class Job:
     """
 
     unit: str
-    run: Callable[[Progress, Interrupted], MapRun]
+    run: Callable[[Progress, Interrupted, Observations], MapRun]
     facts: Callable[[], dict[str, Any]]
     notes: list[str]
     skipped: dict[str, list[str]]
@@ -53,8 +54,10 @@ def recording_job(
         notes += more
     source = motion_of(motion, recording, rig, settings, seed)
 
-    def run(progress: Progress, interrupted: Interrupted) -> MapRun:
-        return map_recording(recording, rig, source, settings, seed, threads, progress, interrupted)
+    def run(progress: Progress, interrupted: Interrupted, known: Observations) -> MapRun:
+        return map_recording(
+            recording, rig, source, settings, seed, threads, progress, interrupted, known
+        )
 
     def facts() -> dict[str, Any]:
         return {
@@ -99,7 +102,7 @@ def log_job(log: ScanLog, settings: Settings, seed: int) -> Job:
     truth = read_tum(log.truth_file) if log.truth_file else None
     return Job(
         "scans",
-        lambda progress, interrupted: map_log(log, settings, seed, progress, interrupted),
+        lambda progress, interrupted, known: map_log(log, settings, seed, progress, interrupted),
         facts,
         notes,
         log.skipped,

@@ -11,7 +11,7 @@ from odometry.poses import PoseOdometry
 from odometry.settings import OdometrySettings
 from odometry.source import EncoderOdometry, MotionSource
 from pipeline.errors import InputError
-from pipeline.recordings.base import Recording
+from pipeline.recordings.base import BROKEN_TICKS, Recording
 from pipeline.trajectory import read_tum
 
 if TYPE_CHECKING:
@@ -79,6 +79,8 @@ def choose_motion(
 
 def _encoders(recording: Recording, rig: StereoRig, settings: OdometrySettings) -> EncoderOdometry:
     if recording.ticks is None:
+        if broken := recording.skipped.get(BROKEN_TICKS):
+            raise InputError("; ".join(broken))
         instead = "--motion visual" + (" or poses" if recording.poses is not None else "")
         raise InputError(f"{recording.path}: holds no wheel ticks (odom0/data.csv): give {instead}")
     return EncoderOdometry(recording.ticks, wheels_of(recording, rig), settings)
@@ -93,5 +95,6 @@ def wheels_of(recording: Recording, rig: StereoRig) -> EncoderParameters:
     if "encoders" in rig.sections:
         return encoder_parameters(rig.sections["encoders"], "rig: encoders")
     if recording.encoders is None:
-        raise InputError(f"{recording.path}: wheel ticks without odom0/sensor.yaml")
+        broken = "; ".join(recording.skipped.get(BROKEN_TICKS, []))
+        raise InputError(broken or f"{recording.path}: wheel ticks without odom0/sensor.yaml")
     return recording.encoders

@@ -21,7 +21,7 @@ from pipeline.errors import InputError
 from pipeline.frontend import ahead
 from pipeline.motion import choose_motion
 from pipeline.mount_steps import Steps, camera_steps, skip_unfit
-from pipeline.recordings.base import DamagedFrameError, PairFiles, Recording
+from pipeline.recordings.base import DamagedFrameError, RecordedPair, Recording
 from pipeline.whole_images import spread, whole_rectifier
 from stereo.disparity import SUBPIXEL, DisparityMatcher
 from stereo.errors import StereoError
@@ -91,7 +91,7 @@ def _look_at_floor(
     camera = rectify.camera
     match = floor_matcher(rectify)
 
-    def frame(files: PairFiles) -> FloorFrame | ValueError:
+    def frame(files: RecordedPair) -> FloorFrame | ValueError:
         try:
             pair = files.load()
             left, right = rectify(scale(pair.left), scale(pair.right))

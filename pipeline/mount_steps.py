@@ -12,7 +12,7 @@ import numpy as np
 from odometry.motion import Motion
 from odometry.source import MotionSource
 from pipeline.frontend import ahead
-from pipeline.recordings.base import DamagedFrameError, PairFiles, Recording
+from pipeline.recordings.base import DamagedFrameError, RecordedPair, Recording
 from stereo.disparity import SUBPIXEL, DisparityMatcher
 from stereo.errors import StereoError
 from stereo.floor_motion import Features, find_features, motion_between
@@ -39,8 +39,8 @@ class Steps:
 
 @dataclass(frozen=True)
 class _Step:
-    first: PairFiles
-    last: PairFiles
+    first: RecordedPair
+    last: RecordedPair
     motion: Motion
 
 
@@ -83,14 +83,14 @@ def camera_steps(
 
 def looked_at(
     recording: Recording,
-    pairs: list[PairFiles],
+    pairs: list[RecordedPair],
     rectify: Rectifier,
     match: DisparityMatcher,
     scale: Callable[[np.ndarray], np.ndarray],
-) -> Iterator[tuple[PairFiles, Features | None]]:
+) -> Iterator[tuple[RecordedPair, Features | None]]:
     """Each pair with its features; None, counted and named, where it cannot be used."""
 
-    def features(pair: PairFiles) -> Features | ValueError:
+    def features(pair: RecordedPair) -> Features | ValueError:
         try:
             loaded = pair.load()
             left, right = rectify(scale(loaded.left), scale(loaded.right))
@@ -114,7 +114,7 @@ def skip_unfit(recording: Recording, error: ValueError) -> None:
 def _wheel_steps(recording: Recording, source: MotionSource) -> list[_Step]:
     """Consecutive steps of about `STEP`, by the wheels."""
     steps: list[_Step] = []
-    first: PairFiles | None = None
+    first: RecordedPair | None = None
     motion = Motion.none(0)
     for pair in recording.pairs:
         increment = source.until(pair.stamp)

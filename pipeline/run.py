@@ -15,6 +15,7 @@ from calibration.rig import StereoRig
 from mapping.gate import ObservationGate
 from mapping.mapper import HierarchicalMapper
 from odometry.motion import Motion
+from pipeline.checkpoint import NOTHING, Observations
 from pipeline.errors import InputError
 from pipeline.frontend import UNREADABLE, Observation, ahead, observe
 from pipeline.health import REMEDIES
@@ -108,30 +109,34 @@ def map_recording(
     threads: int = 1,
     progress: Progress = lambda done, total: None,
     interrupted: Interrupted = lambda: False,
+    known: Observations = NOTHING,
 ) -> MapRun:
     """Map a recording; `progress` and `interrupted` as in `MapRun.each`.
+
+    known: what was seen in a run before, which need not be looked at again.
 
     Raises:
         InputError: images and rig do not fit, or no pair can be used.
         StereoError: the images are exchanged, or the rig makes no stereo.
     """
-    ranger = StereoRanger(
-        rig,
-        settings.stereo,
-        settings.mapping.max_range,
-        usable_sigma=USABLE_CELLS * settings.mapping.cell,
-    )
+    ranger = make_ranger(rig, settings)
     check_images(recording, rig, ranger)
     mapper = HierarchicalMapper(settings.mapping, seed)
     run = MapRun(mapper)
 
     def work(step: Step) -> Observation | None:
-        return observe(step.pair, ranger, step.key_frame) if step.due else None
+        if not step.due:
+            return None
+        return known.get(step.pair.stamp) or observe(step.pair, ranger, step.key_frame)
 
     total = len(recording.pairs)
-    steps = _steps(moved(recording.pairs, motion, threads), mapper.gate)
+    stepper = Stepper(mapper.gate)
+    with_motion = moved(recording.pairs, motion, threads)
+    steps = (stepper.step(pair, motion) for pair, motion in with_motion)
     for step, seen in run.each(ahead(steps, work, threads), total, progress, interrupted):
-        _take(step, seen, run)
+        if seen is not None:
+            known.add(step.pair.stamp, seen)
+        take(step, seen, run)
     if not run.counts["observations"] and not run.partial:
         raise InputError(f"{recording.path}: none of {total} pairs could be used: {_why(run)}")
     mapper.finish()
@@ -139,23 +144,31 @@ def map_recording(
     return run
 
 
-def _steps(pairs: Iterable[tuple[Pair, Motion | None]], gate: ObservationGate) -> Iterator[Step]:
-    """Motion is known before a pair is matched, and mostly before it is read: due pairs only."""
-    key_gate = ObservationGate(*KEY_FRAME_SPACING)
-    since = Motion.none(0)
-    for pair, motion in pairs:
+class Stepper:
+    """Tells of every pair what is wanted of it.
+
+    Motion is known before a pair is matched, and mostly before it is read: due pairs only.
+    """
+
+    def __init__(self, gate: ObservationGate) -> None:
+        self._gate = gate
+        self._key_gate = ObservationGate(*KEY_FRAME_SPACING)
+        self._since = Motion.none(0)
+
+    def step(self, pair: Pair, motion: Motion | None) -> Step:
+        """The next pair, in order of time, and the motion since the last that had any."""
         if motion is None:
-            yield Step(pair, None)
-            continue
-        due = gate.step(motion.increment)
-        since = since.then(motion)
-        key_frame = due and key_gate.step(since.increment)
+            return Step(pair, None)
+        due = self._gate.step(motion.increment)
+        self._since = self._since.then(motion)
+        key_frame = due and self._key_gate.step(self._since.increment)
         if due:
-            since = Motion.none(pair.stamp)
-        yield Step(pair, motion, due, key_frame)
+            self._since = Motion.none(pair.stamp)
+        return Step(pair, motion, due, key_frame)
 
 
-def _take(step: Step, seen: Observation | None, run: MapRun) -> None:
+def take(step: Step, seen: Observation | None, run: MapRun) -> None:
+    """Let the run have a pair, and what was seen in it where it was due."""
     if step.motion is None and isinstance(step.pair, LoadedPair) and step.pair.damage:
         _skip(run, UNREADABLE, step.pair.damage)
         return
@@ -184,6 +197,16 @@ def _skip(run: MapRun, kind: str, damage: str) -> None:
     run.skipped.setdefault(kind, []).append(damage)
 
 
+def make_ranger(rig: StereoRig, settings: Settings) -> StereoRanger:
+    """The stereo stage for ranges of use to the map."""
+    return StereoRanger(
+        rig,
+        settings.stereo,
+        settings.mapping.max_range,
+        usable_sigma=USABLE_CELLS * settings.mapping.cell,
+    )
+
+
 def _why(run: MapRun) -> str:
     if run.skipped:
         kind, names = max(run.skipped.items(), key=lambda item: len(item[1]))
@@ -201,7 +224,7 @@ def check_images(recording: Recording, rig: StereoRig, ranger: StereoRanger) -> 
         raise InputError(f"{recording.path}: none of {len(recording.pairs)} images can be read")
     if size != rig.image_size:
         raise InputError(
-            f"{recording.pairs[0].left}: image is {size[0]}x{size[1]}, the rig is calibrated for "
+            f"{recording.path}: image is {size[0]}x{size[1]}, the rig is calibrated for "
             f"{rig.image_size[0]}x{rig.image_size[1]}: give the rig of these cameras with --rig"
         )
     indices = np.linspace(0, len(recording.pairs) - 1, SWAP_SAMPLES).astype(int)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 from odometry.motion import Motion
 from odometry.source import MotionSource
@@ -26,13 +25,25 @@ AnyMotion = MotionSource | VisualMotion | FusedMotion
 
 @dataclass(frozen=True)
 class LoadedPair:
-    """A pair in memory, or the reason why there is none."""
+    """A pair in memory, or the reason why there is none; source: where it came from."""
 
-    stamp: int
-    left: Path
-    right: Path
+    source: Pair
     pair: StereoPair | None
     damage: str = ""
+
+    @property
+    def stamp(self) -> int:
+        """Of the left image [ns]."""
+        return self.source.stamp
+
+    @property
+    def name(self) -> str:
+        """What the pair is called in messages."""
+        return self.source.name
+
+    def where(self, right: bool) -> str:
+        """Where the left or right image came from."""
+        return self.source.where(right)
 
     def load(self) -> StereoPair:
         """The pair. Raises DamagedFrameError: it could not be read."""
@@ -53,9 +64,9 @@ def moved(
     def look(pair: Pair) -> tuple[LoadedPair, Pyramids | None]:
         try:
             loaded = pair.load()
-            return LoadedPair(pair.stamp, pair.left, pair.right, loaded), motion.prepare(loaded)
+            return LoadedPair(pair, loaded), motion.prepare(loaded)
         except (DamagedFrameError, StereoError) as error:
-            return LoadedPair(pair.stamp, pair.left, pair.right, None, str(error)), None
+            return LoadedPair(pair, None, str(error)), None
 
     for _, (loaded, pyramids) in ahead(pairs, look, threads):
         yield loaded, motion.step(loaded.stamp, pyramids)

@@ -16,7 +16,7 @@ from calibration.rig import StereoRig
 from pipeline.errors import InputError
 from pipeline.frontend import Observation, ahead, observe
 from pipeline.intervals import Estimate, of_values, ratio, share
-from pipeline.recordings.base import PairFiles, Recording
+from pipeline.recordings.base import RecordedPair, Recording
 from pipeline.run import USABLE_CELLS, check_images
 from pipeline.settings import Settings
 from pipeline.stereo_cells import (
@@ -126,7 +126,7 @@ def examine(
     counts: Counter[str] = Counter()
     skipped: dict[str, list[str]] = {}
 
-    def work(pair: PairFiles) -> Observation:
+    def work(pair: RecordedPair) -> Observation:
         return observe(pair, ranger, key_frame=False)
 
     for done, (_, found) in enumerate(ahead(files, work, threads), start=1):

@@ -31,7 +31,7 @@ VETO = 1.0
 # Disparities within this share of each other (at least 1 px) may be of one surface.
 ONE_SURFACE = 0.1
 # The best rival must cost so many times as much as the match.
-DISTINCT = 1.12
+DISTINCT = 1.07
 # The outline of a surface is sought in its last so many columns: block and support fatten by 3.
 OUTLINE = 4
 # Ranges differing by more than this factor belong to different surfaces.

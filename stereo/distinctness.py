@@ -18,6 +18,8 @@ REACH = 10  # columns to either side [px]
 LEAST = 5  # columns that tell anything
 # A rival is a disparity further away than this [px].
 OWN = 2
+# Below this share of what disparities cost on average, costs tell of sampling, not of a match.
+SAMPLING = 0.12
 
 
 @njit(cache=True, nogil=True)
@@ -66,14 +68,37 @@ def margins(disparity, left, right, winner, bins):
         # Beside an outline, the window on one side shows another surface.
         best = -1.0
         for side in range(3):
-            own = rival = np.inf
-            for d in range(limit):
-                if abs(d - winner[u]) <= OWN:
-                    own = min(own, costs[side, d])
-                else:
-                    rival = min(rival, costs[side, d])
+            own, rival = _own_and_rival(costs[side, :limit], winner[u])
             if own < np.inf and rival < np.inf:
-                best = max(best, rival / max(own, 1.0))
+                best = max(best, rival / own)
         if best >= 0.0:
             margin[begin:end] = best
     return margin
+
+
+@njit(cache=True, nogil=True)
+def _own_and_rival(costs, winner):
+    """Least of the costs (bins,) within OWN of the winner, never below SAMPLING of their mean
+    and 1, and least of all others.
+
+    The others count between whole disparities too: of blinds that match at 14.8 and 20.9 px, the
+    wrong 21 px would seem to stand out from 15 px. Sums of absolute differences draw a V about
+    a minimum; its tip lies half the difference of both neighbours below the least whole one
+    (equiangular fit; Shimizu and Okutomi 2005).
+    """
+    own = rival = np.inf
+    total, number = 0.0, 0
+    for d in range(costs.size):
+        cost = costs[d]
+        if cost < np.inf:
+            total += cost
+            number += 1
+        if abs(d - winner) <= OWN:
+            own = min(own, cost)
+            continue
+        if 0 < d < costs.size - 1:
+            before, after = costs[d - 1], costs[d + 1]
+            if cost <= min(before, after) and max(before, after) < np.inf:
+                cost = max(0.0, cost - 0.5 * abs(before - after))
+        rival = min(rival, cost)
+    return max(own, SAMPLING * total / max(number, 1), 1.0), rival

@@ -12,11 +12,13 @@ from pipeline.errors import InputError
 from pipeline.progress import progress_bar
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     import cv2
     import numpy as np
 
     from calibration.rig import StereoRig
-    from pipeline.recordings.base import PairFiles, Recording
+    from pipeline.recordings.base import Pair, Recording
     from pipeline.settings import Settings
     from stereo.pair import StereoPair
     from stereo.ranger import StereoFrame, StereoRanger
@@ -119,7 +121,7 @@ class _Artist:
         self._truth = RenderedTruth(scans, recording.path / SCANS) if scans else None
         self._picture = StereoPicture(self.ranger)
 
-    def range(self, files: PairFiles) -> tuple[StereoPair, StereoFrame] | Exception:
+    def range(self, files: Pair) -> tuple[StereoPair, StereoFrame] | Exception:
         """The pair with what was made of it, or why that cannot be."""
         from pipeline.recordings.base import DamagedFrameError
         from stereo.errors import StereoError
@@ -200,7 +202,7 @@ def _writer(target: Path, video: Path, picture: np.ndarray, rate: float) -> cv2.
     return writer
 
 
-def _rate(pairs: list[PairFiles]) -> float:
+def _rate(pairs: Sequence[Pair]) -> float:
     """Pairs a second of the recording."""
     import numpy as np
 
