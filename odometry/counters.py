@@ -18,7 +18,7 @@ ACCELERATION = 10.0
 CONFIRM = 3
 # After so long [s], and so many times the interval before, counters may have begun anew unnoticed,
 # and a wheel that may have turned by half the counter's range cannot be followed.
-SILENCE_S = 0.5
+SILENCE_S = 0.25
 SILENCE_INTERVALS = 3.0
 # Speeds before a silence are those of the last SPEED_OVER to twice that [ns].
 SPEED_OVER = 400_000_000
