@@ -6,207 +6,172 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import settings as hypothesis_settings
-from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
 
 from calibration.rig import Mount
-from stereo.columns import _column_histogram, _nearest_supported, nearest_per_column
+from stereo.columns import ALWAYS, Columns, nearest_per_column
 from stereo.ranger import StereoRanger
 from stereo.rectify import RectifiedCamera
 from stereo.settings import StereoSettings
-from tests.stereo_rigs import crooked_rig, level_camera, straight_rig
+from tests.stereo_rigs import crooked_rig, level_camera, straight_rig, texture
+from tests.stereo_scenes import Sheet, facing, see
 
-SETTINGS = StereoSettings(support=8)
+CAMERA = level_camera(120, 60)
+# Each of a column's pixels shows more than three times the noise, 8 units of evidence, of which
+# a pixel of support is worth 3: 40 pixels of support are 15 such ones in three columns.
+SETTINGS = StereoSettings(support=40)
 # The mean over three columns is not quite the middle one's range.
-SMOOTHING = 2e-3
+SMOOTHING = 3e-3
 NONE = -16
 FAR, NEAR = 5 * 16, 10 * 16  # 2 m and 1 m of `level_camera`
 DISPARITIES = 32
+BLANK_ROWS = 8
+SECANT = np.hypot(1.0, (np.arange(CAMERA.width) - CAMERA.cx) / CAMERA.f)
 
 
-def nearest(disparity, settings=SETTINGS, max_range=4.0, camera=None):
-    camera = camera or level_camera()
-    return nearest_per_column(disparity, camera, settings, DISPARITIES, max_range)
+def wall(value: int) -> np.ndarray:
+    """Disparities of a wall, but for the first rows, which are blank."""
+    disparity = np.full((CAMERA.height, CAMERA.width), value, np.int16)
+    disparity[:BLANK_ROWS] = NONE
+    return disparity
 
 
-def wall(value: int, camera: RectifiedCamera | None = None) -> np.ndarray:
-    camera = camera or level_camera()
-    return np.full((camera.height, camera.width), value, np.int16)
+def images_of(disparity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A textured pair with these disparities, whole pixels; where there is none, blank."""
+    left, right = texture(disparity.shape, 1), texture(disparity.shape, 2)
+    left[disparity <= 0] = right[:BLANK_ROWS] = 128
+    v, u = np.nonzero(disparity > 0)
+    order = np.argsort(disparity[v, u], kind="stable")  # the nearest last, before the others
+    v, u = v[order], u[order]
+    at = u - disparity[v, u] // 16
+    right[v[at >= 0], at[at >= 0]] = left[v[at >= 0], u[at >= 0]]
+    return left, right
 
 
-def secant(camera: RectifiedCamera) -> np.ndarray:
-    """Horizontal distance over depth of each column."""
-    return np.hypot(1.0, (np.arange(camera.width) - camera.cx) / camera.f)
+def nearest(
+    disparity: np.ndarray,
+    settings: StereoSettings = SETTINGS,
+    max_range: float = 4.0,
+    camera: RectifiedCamera = CAMERA,
+) -> Columns:
+    seen = np.repeat(np.array([[0], [camera.width]] * 2, np.int32), camera.height, axis=1)
+    images = images_of(disparity)
+    return nearest_per_column(disparity, images, seen, camera, settings, DISPARITIES, max_range)
 
 
 def test_a_wall_is_seen_at_its_horizontal_distance():
-    ranges, sigmas = nearest(wall(FAR))
-    assert np.allclose(ranges, 2.0 * secant(level_camera()), rtol=SMOOTHING)
-    # sigma of the depth is Z^2 / (f B) times that of the disparity; the range is Z times secant.
-    assert np.allclose(sigmas, 2.0**2 / 10.0 * SETTINGS.noise * secant(level_camera()), rtol=0.01)
+    found = nearest(wall(FAR))
+    assert np.isnan(found.range[:4]).all()  # outside the right image
+    answered = np.isfinite(found.range)
+    assert answered[8:].all()
+    answered[-2:] = False  # half of their neighbours are missing
+    assert np.allclose(found.range[answered], 2.0 * SECANT[answered], rtol=SMOOTHING)
+    assert (found.support[answered] > 100).all()
+    assert (found.support[np.isnan(found.range)] == 0).all()
 
 
-@pytest.mark.parametrize(("pixels", "seen"), [(7, 2.0), (8, 1.0)])
-def test_the_nearer_of_two_wins_with_support_only(pixels, seen):
+def test_sigma_is_that_of_a_disparity_seen_through_the_geometry():
+    sure = math.sqrt(ALWAYS) * SETTINGS.noise
+    for value, depth in ((FAR, 2.0), (NEAR, 1.0)):
+        sigma = nearest(wall(value)).sigma[20:-4]
+        # Z^2 / (f B) times the disparity's; the range is Z times secant.
+        least = depth**2 / 10.0 * sure * SECANT[20:-4]
+        assert (sigma > 0.99 * least).all()
+        assert np.median(sigma / least) < 3.0
+
+
+@pytest.mark.parametrize(("rows", "seen"), [(3, 2.0), (7, 1.0)])
+def test_the_nearer_of_two_wins_with_support_only(rows, seen):
     disparity = wall(FAR)
-    disparity[20 : 20 + pixels, 20] = NEAR
-    ranges, _ = nearest(disparity)
-    assert ranges[20] == pytest.approx(seen * secant(level_camera())[20], rel=SMOOTHING)
-    assert np.allclose(np.delete(ranges, 20), 2.0, atol=0.05)
+    disparity[20 : 20 + rows, 40:64] = NEAR
+    ranges = nearest(disparity).range
+    assert ranges[44:60] == pytest.approx(seen * SECANT[44:60], rel=SMOOTHING)
+    beside = np.r_[10:36, 68:118]
+    assert ranges[beside] == pytest.approx(2.0 * SECANT[beside], rel=SMOOTHING)
 
 
 def test_neighbouring_columns_lend_their_support():
     disparity = wall(FAR)
-    disparity[20:23, 19:22] = NEAR
-    ranges, _ = nearest(disparity)
-    assert ranges[20] == pytest.approx(1.0, abs=1e-3)
-    assert ranges[[19, 21]] == pytest.approx(2.0, abs=0.01)  # 6 pixels are too few
+    disparity[20:27, 40:64] = NEAR
+    ranges = nearest(disparity).range
+    # Seven rows are 21 pixels in three columns, 14 where the thing ends.
+    assert (ranges[44:60] < 1.1).all()
+    assert not (ranges[[40, 63]] < 1.1).any()
 
 
 def test_pixels_that_disagree_lend_no_support():
     disparity = wall(FAR)
-    disparity[20:24, 20] = NEAR
-    disparity[24:28, 20] = NEAR + 3 * 16
-    assert nearest(disparity)[0][20] == pytest.approx(2.0, abs=0.01)
+    disparity[20:23, 40:64] = NEAR
+    disparity[23:26, 40:64] = NEAR + 3 * 16
+    assert nearest(disparity).range[52] == pytest.approx(2.0, abs=0.01)
+
+
+def test_what_no_neighbour_confirms_is_unknown():
+    disparity = wall(FAR)
+    disparity[:, 40:42] = NEAR
+    ranges = nearest(disparity).range
+    assert np.isnan(ranges[40:42]).all()
+    assert (ranges[44:] > 1.9).all()
 
 
 def test_support_one_is_the_plain_nearest():
-    camera = level_camera()
     rng = np.random.default_rng(3)
     # Every second disparity, so that no two pixels agree by chance but the same ones.
-    disparity = (16 * 2 * rng.integers(3, 12, (camera.height, camera.width))).astype(np.int16)
+    disparity = (16 * 2 * rng.integers(3, 12, (CAMERA.height, CAMERA.width))).astype(np.int16)
     disparity[rng.random(disparity.shape) < 0.9] = NONE
-    settings = StereoSettings(support=1, height_min=-5.0, height_max=5.0)
-    ranges, _ = nearest(disparity, settings)
+    disparity[:, :24] = NONE  # would lie outside the right image
+    found = nearest(disparity, StereoSettings(support=1, height_min=-5.0, height_max=5.0))
     with np.errstate(divide="ignore"):
         depth = np.where(disparity > 0, 10.0 * 16 / disparity, np.inf)
-    plain = depth.min(axis=0) * secant(camera)
+    floor = 0.6 + depth * (CAMERA.cy - np.arange(CAMERA.height)[:, None]) / CAMERA.f
+    depth[floor < 3.0 * depth * math.hypot(math.tan(math.radians(0.5)), 0.6 * 0.25 / 10.0)] = np.inf
+    plain = depth.min(axis=0) * SECANT
     plain[np.isinf(plain)] = np.nan
-    assert np.allclose(ranges, plain, rtol=SMOOTHING, equal_nan=True)
+    plain[plain > 4.0] = np.inf
+    assert np.isfinite(plain).sum() > 40
+    assert np.allclose(found.range, plain, equal_nan=True)
+    finite = np.isfinite(plain)
+    assert np.allclose(found.sigma[finite], (plain**2 * 0.25 / (10.0 * SECANT))[finite])
 
 
-def plane_disparity(camera: RectifiedCamera, z: float) -> np.ndarray:
-    """Disparity of the horizontal plane at height z on the robot, none above the horizon."""
-    v, u = np.indices((camera.height, camera.width))
-    rays = np.stack([(u - camera.cx) / camera.f, (v - camera.cy) / camera.f, np.ones(u.shape)])
-    upward = np.tensordot(camera.rotation, rays, 1)[2]
-    with np.errstate(divide="ignore"):
-        Z = (z - camera.position[2]) / upward
-    reachable = (Z > 0.3) & (Z < 50.0)
-    return np.where(reachable, np.rint(16 * camera.depth_factor / Z), NONE).astype(np.int16)
-
-
-@pytest.mark.parametrize("rig", [straight_rig(), crooked_rig(0.0), crooked_rig(20.0)])
+@pytest.mark.parametrize("rig", [straight_rig(), crooked_rig(20.0)])
 def test_floor_and_ceiling_are_no_obstacles_but_a_table_is(rig):
-    ranger = StereoRanger(rig, SETTINGS)
-    camera = ranger.camera
+    ranger = StereoRanger(rig)
+    grain = texture((1200, 900), 7)
 
     def seen(z: float) -> np.ndarray:
-        ranges, _ = nearest_per_column(
-            plane_disparity(camera, z), camera, SETTINGS, ranger.match.disparities, 4.0
-        )
-        return ranges
+        """Ranges in a hall with a level sheet at that height."""
+        level = Sheet((0.2, -6.0, z), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (4.3, 12.0), grain)
+        far = facing(ranger.max_range + 1.0)
+        return ranger(see(rig, [level, far], noise=1.0, finer=2)).range
 
-    assert np.isnan(seen(0.0)).all()
-    assert np.isnan(seen(1.3)).all()
-    assert np.isfinite(seen(0.25)).mean() > 0.8
+    floor = seen(0.0)
+    assert np.isposinf(floor).mean() > 0.9
+    assert not np.isfinite(floor).any()
+    assert not np.isfinite(seen(1.5)).any()
+    table = seen(0.25)
+    assert np.isfinite(table).mean() > 0.25
+    assert not np.isposinf(table).mean() > 0.05
 
 
 def test_only_what_was_matched_beyond_the_range_is_free():
     disparity = wall(FAR)
-    disparity[:, 10:20] = NONE
-    disparity[:5, 30] = NEAR
-    disparity[5:, 30] = NONE
-    ranges, sigmas = nearest(disparity, max_range=1.5)
-    assert np.isnan(ranges[10:20]).all()
-    assert math.isnan(ranges[30])  # five pixels answer: too few for an obstacle or for free
-    beyond = np.delete(np.arange(40), [*range(10, 20), 30])
-    assert np.isposinf(ranges[beyond]).all()
-    assert np.isnan(sigmas).all()
+    disparity[:, 30:45] = NONE
+    disparity[:, 60:70] = NONE
+    disparity[20:24, 60:70] = NEAR
+    found = nearest(disparity, max_range=1.5)
+    assert np.isnan(found.range[30:45]).all()
+    assert np.isnan(found.range[60:70]).all()  # four rows: too few for an obstacle or for free
+    assert np.isposinf(found.range[[*range(10, 30), *range(45, 60), *range(70, 120)]]).all()
+    assert np.isnan(found.sigma).all()
 
 
 def test_a_lone_near_pixel_before_a_far_wall_does_not_hide_that_the_way_is_free():
     disparity = wall(FAR)
-    disparity[30, 7] = NEAR
-    assert np.isposinf(nearest(disparity, max_range=1.5)[0][7])
-
-
-def histogram_twin(disparity, rotation, intrinsics, height, band, disparities):
-    f, cx, cy, baseline = intrinsics
-    low, high, tilt, noise = band
-    columns = disparity.shape[1]
-    v, u = np.indices(disparity.shape)
-    valid = disparity > 0
-    d = np.where(valid, disparity, 16) / 16.0
-    Z = f * baseline / d
-    rays = np.stack([(u - cx) / f, (v - cy) / f, np.ones(u.shape)])
-    X, Y, up = Z * np.tensordot(rotation, rays, 1)
-    up = up + height
-    doubt = 3.0 * np.hypot(Z * tilt, height * noise / d)
-    valid &= (up >= np.maximum(low, doubt)) & (up <= high) & (X > 0)
-    column = np.rint(cx - f * Y / np.where(X > 0, X, 1.0)).astype(int)
-    valid &= (column >= 0) & (column < columns)
-    count = np.zeros((columns, disparities + 1), np.int32)
-    nearness = np.zeros((columns, disparities + 1))
-    where = column[valid], np.minimum(np.rint(d[valid]).astype(int), disparities)
-    np.add.at(count, where, 1)
-    np.add.at(nearness, where, 1.0 / np.hypot(X, Y)[valid])
-    return count, nearness
-
-
-def supported_twin(count, nearness, intrinsics, support, noise, max_range):
-    f, cx, baseline = intrinsics
-    columns = len(count)
-    ranges, sigmas = np.full(columns, np.nan), np.full(columns, np.nan)
-    for u in range(columns):
-        near = slice(max(u - 1, 0), u + 2)
-        for d in np.flatnonzero(count[u])[::-1]:
-            agree = slice(max(d - 1, 0), d + 1)
-            pixels = count[near, agree].sum()
-            if d == 0 or pixels < support:
-                continue
-            r = pixels / nearness[near, agree].sum()
-            ranges[u] = np.inf if r > max_range else r
-            if r <= max_range:
-                sigmas[u] = r**2 * noise / (f * baseline * np.hypot(1.0, (u - cx) / f))
-            break
-    return ranges, sigmas
-
-
-@hypothesis_settings(max_examples=40)
-@given(
-    arrays(np.int16, (12, 9), elements=st.integers(-16, 16 * 20)),
-    st.integers(1, 6),
-    st.floats(-0.3, 0.3),
-    st.floats(0.5, 8.0),
-)
-def test_the_kernels_equal_plain_numpy(disparity, support, pitch, max_range):
-    c, s = math.cos(pitch), math.sin(pitch)
-    tilt = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
-    camera = level_camera(9, 12)
-    histogram = (
-        camera.rotation @ tilt,
-        np.array([20.0, camera.cx, camera.cy, 0.5]),
-        0.6,
-        np.array([0.1, 1.2, 0.01, 0.25]),
-        16,
-    )
-    count, nearness = _column_histogram(disparity, *histogram)
-    expected_count, expected_nearness = histogram_twin(disparity, *histogram)
-    assert np.array_equal(count, expected_count)
-    assert np.allclose(nearness, expected_nearness)
-    nearest_of = (np.array([20.0, camera.cx, 0.5]), support, 0.25, max_range)
-    for found, expected in zip(
-        _nearest_supported(count, nearness, *nearest_of),
-        supported_twin(count, nearness, *nearest_of),
-        strict=True,
-    ):
-        assert np.allclose(found, expected, equal_nan=True)
+    disparity[30, 37] = NEAR
+    assert np.isposinf(nearest(disparity, max_range=1.5).range[37])
 
 
 def test_a_mount_higher_than_the_band_still_works():
     high = straight_rig(Mount(height=1.5, pitch=math.radians(20.0)))
-    camera = StereoRanger(high, SETTINGS).camera
+    camera = StereoRanger(high).camera
     assert camera.height >= 8
