@@ -106,8 +106,8 @@ class MapRequest(msgspec.Struct, frozen=True):
         begin = None if self.begin is None else self.begin.known()
         if isinstance(opened, ScanLog):
             return log_job(opened, settings, self.seed, begin), settings
-        motion = self.motion or "encoders"
-        return recording_job(opened, rig, motion, settings, self.seed, threads, begin), settings
+        job = recording_job(opened, rig, self.motion, settings, self.seed, threads, begin)
+        return job, settings
 
     def complete(self, settings: Settings) -> MapRequest:
         """With all that a resumed run must find unchanged."""
