@@ -41,9 +41,9 @@ STEP = 1.1
 TINY = 1e-9
 # Variance of a disparity in units of noise^2: what is always there, what a match by AT_MARGIN
 # over its rival adds, and what AT_SUPPORT pixels do. Fitted to the rendered recordings.
-ALWAYS, AT_MARGIN, AT_SUPPORT = 0.04, 0.2, 160.0
+ALWAYS, AT_MARGIN, AT_SUPPORT = 0.04, 0.17, 140.0
 # Disagreement with the neighbouring columns counts so many times: it is seen less than it is.
-ROUGHNESS = 3.0
+ROUGHNESS = 2.6
 
 
 @dataclass(frozen=True)
@@ -94,8 +94,11 @@ def nearest_per_column(
     ranges, support, outline = nearest_standing(*gathered, needed, VETO, ONE_SURFACE)
     # At height z, the floor behind has 1 - z / height of the disparity of what stands before it.
     shares = 1.0 - np.array([settings.height_min, LOW]) / camera.position[2]
-    margin = margins(disparity, left, right, factor / ranges, _floor(camera), shares, disparities)
+    margin, offset = margins(
+        disparity, left, right, factor / ranges, _floor(camera), shares, disparities
+    )
     ranges[~(margin >= DISTINCT)] = np.nan
+    ranges = factor / (factor / ranges + offset)
     ranges[ranges > max_range] = np.inf
     ranges = trim_outlines(ranges, outline, OUTLINE, STEP)
     ranges, roughness = confirm(ranges, factor, ONE_SURFACE)
