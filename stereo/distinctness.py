@@ -111,7 +111,7 @@ def _fine(costs, winner):
     SGBM's own parabola is drawn towards whole pixels by up to 0.3 px (pixel locking; Shimizu and
     Okutomi 2005): on a textured plane this fit errs by 0.02.
     """
-    whole = round(winner)
+    whole = min(round(winner), costs.size - 1)
     for d in (whole - 1, whole + 1):
         if 0 <= d < costs.size and costs[d] < costs[whole]:
             whole = d
