@@ -10,16 +10,36 @@ from benchmarks import (
     calibration,
     end_to_end,
     logs,
+    serial_faults,
     simulated,
     stereo_columns,
+    stereo_end_to_end,
+    stereo_floor,
+    stereo_model,
     stereo_pictures,
+    stereo_rendered,
+    stereo_rows,
     stereo_time,
+    stereo_walls,
+    visual,
+    wheel_calibration,
 )
 
 TITLE = "# Benchmarks\n\nThis page is written by `make bench`, from the repository's root."
 
-stereo = (stereo_pictures, stereo_columns, stereo_time)
-sections = (end_to_end, accuracy, *stereo, logs, calibration, simulated)
+stereo = (
+    stereo_pictures,
+    stereo_columns,
+    stereo_rendered,
+    stereo_floor,
+    stereo_walls,
+    stereo_rows,
+    stereo_time,
+    stereo_model,
+    stereo_end_to_end,
+)
+encoders = (serial_faults, wheel_calibration)
+sections = (end_to_end, accuracy, *stereo, visual, logs, calibration, *encoders, simulated)
 page = "\n\n".join([TITLE, *(section.main() for section in sections)]) + "\n"
 print(page)
 Path(sys.argv[1]).write_text(page, encoding="utf-8")

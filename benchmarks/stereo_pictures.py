@@ -20,7 +20,6 @@ import numpy as np
 from calibration.rig import CameraModel, Mount, StereoRig
 from pipeline.experiments.report import markdown_table
 from stereo.disparity import SUBPIXEL
-from stereo.pair import StereoPair
 from stereo.ranger import StereoRanger
 from stereo.settings import StereoSettings
 
@@ -179,7 +178,8 @@ LEGEND = (
     "off by more than 1 px or have no answer, the count of OpenCV's own test of SGBM and its "
     "figure there (colour images). OpenCV's matchers: block 5, P1 8 and P2 32 times its area, "
     "uniqueness 10, speckles of 100 pixels, left-right check (BM: block 15). beemap: the stereo "
-    "stage's defaults but for the number of disparities, the same for all."
+    "stage's defaults but for the number of disparities, the same for all; it joins two rows into "
+    "one where the camera is fine enough (stereo.rows_joined)."
 )
 
 
@@ -192,15 +192,26 @@ def _table(picture: Picture) -> str:
                 f"OpenCV {name}", picture, lambda m=matcher: m.compute(picture.left, picture.right)
             )
         )
-    ranger = picture.ranger()
-    pair = StereoPair(0, picture.left, picture.right)
-    left, right = ranger.rectify(pair.left, pair.right)
-    assert left.shape == picture.left.shape
-    rows.append(_row("**beemap**", picture, lambda: ranger.match(left, right)))
+    rows.append(_row("beemap, rows apart", picture, _stage(picture, rows_joined=1)))
+    rows.append(_row("**beemap**", picture, _stage(picture)))
     if picture.name in OPENCV_TEST:
         known = f"{OPENCV_TEST[picture.name]:.3f}"
         rows.append(["SGBM, OpenCV's own test", "", "", "", "", known, ""])
     return markdown_table(HEADER, rows)
+
+
+def _stage(picture: Picture, **settings: object) -> Callable[[], np.ndarray]:
+    """The stage's matcher on the rectified pair; rows that were joined are told apart again."""
+    ranger = picture.ranger(**settings)
+    left, right = ranger.rectify(picture.left, picture.right)
+    joined = ranger.camera.rows_joined
+
+    def match() -> np.ndarray:
+        disparity = np.repeat(ranger.match(left, right), joined, axis=0)
+        last = np.full((len(picture.left) - len(disparity), disparity.shape[1]), -SUBPIXEL)
+        return np.vstack([disparity, last])
+
+    return match
 
 
 def _row(name: str, picture: Picture, match: Callable[[], np.ndarray]) -> list[str]:

@@ -19,6 +19,8 @@ import numpy as np
 from calibration.yamlfile import YamlFileError, dump_yaml, read_yaml
 
 FIELDS = ("beemap_rig", "image_size", "left", "right", "R", "T", "rectified", "mount")
+# What makes a rig a calibrated one.
+CALIBRATED = ("image_size", "left", "right", "R", "T")
 # Sections of rig.yaml that other stages read, in the order in which they are written.
 SECTIONS = ("encoders", "devices", "calibration")
 CAMERA_FIELDS = ("fx", "fy", "cx", "cy", "distortion_model", "distortion")
@@ -168,12 +170,13 @@ def rig_from_dict(data: Any, source: str) -> StereoRig:
     Raises:
         RigError: unknown, missing or ill-typed field.
     """
-    if not isinstance(data, dict) or "beemap_rig" not in data:
-        raise RigError(f"{source}: not a rig file (no 'beemap_rig: 1' in it)")
-    if data["beemap_rig"] != 1:
-        raise RigError(f"{source}: beemap_rig is {data['beemap_rig']!r}; this version reads 1")
-    _check_keys(data, FIELDS + SECTIONS, source)
-    for key in ("image_size", "left", "right", "R", "T"):
+    check_version(data, source)
+    check_keys(data, FIELDS + SECTIONS, source)
+    if "devices" in data and not any(key in data for key in CALIBRATED):
+        raise RigError(
+            f"{source}: names devices and no calibration yet: run 'beemap calibrate capture'"
+        )
+    for key in CALIBRATED:
         if key not in data:
             raise RigError(f"{source}: field '{key}' is missing: run 'beemap calibrate cameras'")
     rectified = data.get("rectified", False)
@@ -190,6 +193,21 @@ def rig_from_dict(data: Any, source: str) -> StereoRig:
         mount=_mount(data.get("mount"), f"{source}: mount"),
         sections={key: data[key] for key in SECTIONS if data.get(key) is not None},
     )
+
+
+def check_version(data: Any, source: str) -> None:
+    """Raise RigError unless it is the content of a rig file of this version."""
+    if not isinstance(data, dict) or "beemap_rig" not in data:
+        raise RigError(f"{source}: not a rig file (no 'beemap_rig: 1' in it)")
+    if data["beemap_rig"] != 1:
+        raise RigError(f"{source}: beemap_rig is {data['beemap_rig']!r}; this version reads 1")
+
+
+def check_keys(data: dict, known: tuple[str, ...], where: str) -> None:
+    """Raise RigError where `data` has a field that is not known."""
+    for key in data:
+        if key not in known:
+            raise RigError(f"{where}: unknown field '{key}' (known: {', '.join(known)})")
 
 
 def save_rig(rig: StereoRig, path: str | Path) -> None:
@@ -257,7 +275,7 @@ def _pose(data: dict, source: str) -> tuple[np.ndarray, np.ndarray]:
 def _camera(data: Any, where: str) -> CameraModel:
     if not isinstance(data, dict):
         raise RigError(f"{where}: {data!r} is not a camera (fields: {', '.join(CAMERA_FIELDS)})")
-    _check_keys(data, CAMERA_FIELDS, where)
+    check_keys(data, CAMERA_FIELDS, where)
     values = {}
     for key in ("fx", "fy", "cx", "cy"):
         if key not in data:
@@ -293,7 +311,7 @@ def _mount(data: Any, where: str) -> Mount | None:
         return None
     if not isinstance(data, dict):
         raise RigError(f"{where}: {data!r} is not a mount (fields: {', '.join(MOUNT_FIELDS)})")
-    _check_keys(data, MOUNT_FIELDS, where)
+    check_keys(data, MOUNT_FIELDS, where)
     if "height" not in data:
         raise RigError(f"{where}.height: missing (metres of the left camera above the floor)")
     values = {key: _number(value, f"{where}.{key}") for key, value in data.items()}
@@ -306,12 +324,6 @@ def _mount(data: Any, where: str) -> Mount | None:
     for key in ("pitch", "roll", "yaw"):
         values[key] = math.radians(values.get(key, 0.0))
     return Mount(**values)
-
-
-def _check_keys(data: dict, known: tuple[str, ...], where: str) -> None:
-    for key in data:
-        if key not in known:
-            raise RigError(f"{where}: unknown field '{key}' (known: {', '.join(known)})")
 
 
 def _number(value: Any, where: str) -> float:

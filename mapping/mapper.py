@@ -16,7 +16,9 @@ import numpy as np
 from mapping.ego_motion import EgoMotion
 from mapping.gate import ObservationGate
 from mapping.grid import OccupancyGrid
+from mapping.known_map import KnownMap, tile_maps
 from mapping.local_map import LocalMap, LocalMapper
+from mapping.localise import locate
 from mapping.particle_filter import ParticleFilter
 from mapping.path import join
 from mapping.settings import MappingSettings
@@ -27,13 +29,18 @@ from stereo.scan import RangeScan
 
 
 class HierarchicalMapper:
-    """Scans and motion in, a map and a path out. The first pair stands at (0, 0, 0).
+    """Scans and motion in, a map and a path out. The first pair stands at (0, 0, 0), or in a map
+    made before where that says; where it must be searched, the poses up to the first local map are
+    told from (0, 0, 0), and the search may fail with a MappingError. Such a map is gone on with as
+    it is: its path is not smoothed.
 
     Odometry is known at every pair, matched motion at every observation, the filter's pose at
     every local map: each corrects the one before.
     """
 
-    def __init__(self, settings: MappingSettings | None = None, seed: int = 0):
+    def __init__(
+        self, settings: MappingSettings | None = None, seed: int = 0, known: KnownMap | None = None
+    ):
         self.settings = settings or MappingSettings()
         self.local_mapper = LocalMapper(self.settings)
         self.filter = ParticleFilter(self.settings, seed)
@@ -54,6 +61,9 @@ class HierarchicalMapper:
         self._closed: list[int] = [0]
         self._glimpses: list[Glimpse] = []  # of those local maps, for the smoothing
         self._smoothed: np.ndarray | None = None  # the filter's poses, when the run is over
+        self._known = known
+        if known is not None and known.pose is not None:
+            self._begin_at(known, known.pose)
 
     def add(self, scan: RangeScan, motion: Motion) -> np.ndarray:
         """Take in one pair; the robot's pose (3,) as it is known now."""
@@ -123,10 +133,18 @@ class HierarchicalMapper:
         closed = self.filter.path() if self._smoothed is None else self._smoothed
         return join(matched, observed[self._closed], closed)
 
+    def _begin_at(self, known: KnownMap, pose: np.ndarray) -> None:
+        maps = tile_maps(known.grid, self.settings.particles, self.settings)
+        self.filter.begin_in(maps, pose)
+        self._place = np.asarray(pose, float)
+
     def _close(self, local: LocalMap) -> None:
+        if self._known is not None and self._known.pose is None and not self.filter.health:
+            here = locate(local, self._known.grid, self.settings)
+            self._begin_at(self._known, compose(here, inverse(local.motion.increment)))
         self.filter.add(local)
         self._closed.append(len(self._observed) - 1)
-        if self.settings.smoothing:
+        if self.settings.smoothing and self._known is None:
             self._glimpses.append(Glimpse.of(local))
 
     def _smooth(self) -> np.ndarray:

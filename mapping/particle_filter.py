@@ -62,6 +62,12 @@ class ParticleFilter:
         self._ancestors: list[np.ndarray] = []  # of each step, in the step before
         self._seen: list[PackedCells] = []  # what each step added to the maps
 
+    def begin_in(self, maps: TileMaps, pose: np.ndarray) -> None:
+        """Begin at a pose (3,) in a map made before; before the first step."""
+        self.maps = maps
+        self.poses = np.repeat(np.asarray(pose, float)[None], len(self.poses), axis=0)
+        self._history = [self.poses]
+
     def add(self, local: LocalMap) -> FilterHealth:
         """One step of the algorithm above."""
         cells = classify(local, self.model, self.settings.match_tolerance)

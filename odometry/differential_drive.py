@@ -25,6 +25,7 @@ def drive(
     tick: np.ndarray,
     settings: OdometrySettings,
     in_gap: np.ndarray | None = None,
+    lost: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Drive k arcs one after the other.
 
@@ -35,6 +36,7 @@ def drive(
         in_gap: (k,) true for arcs that bridge a gap in the ticks: their standard deviations
             are `GAP_FACTOR` times as large, and half of travel times turn is added along and
             across, because the robot may have turned first and driven later or the other way.
+        lost: (k, 2) further variance along and across [m^2] and of the heading [rad^2].
 
     Returns:
         The increment (x m, y m, theta rad) and its covariance (3, 3), both in the frame in
@@ -47,6 +49,9 @@ def drive(
     if in_gap is not None and in_gap.any():
         variances[in_gap] *= GAP_FACTOR**2
         variances[in_gap, :2] += ((0.5 * travel * turn)[in_gap, None]) ** 2
+
+    if lost is not None:
+        variances += lost[:, [0, 0, 1]]
 
     headings = turn.cumsum() - 0.5 * turn
     chords = np.empty_like(paths)

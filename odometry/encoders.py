@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from odometry.errors import OdometryError
 
@@ -19,6 +18,7 @@ LIMITS = {
     "right_radius": (0.001, 2.0, "m"),
     "track": (0.01, 5.0, "m between the two wheels' points of contact"),
 }
+TIME_OFFSET = (-2.0, 2.0, "s, added to the stamps of the counters")
 COUNTER_BITS = (12, 32)
 
 
@@ -28,6 +28,7 @@ class EncoderParameters:
 
     counter_bits: width of the counters as read, after which they wrap.
     reversed: (left, right), true where the counter falls while the robot drives forward.
+    time_offset: to be added to the stamps of the counters, that they agree with the images' [s].
     """
 
     ticks_per_revolution: float
@@ -36,6 +37,7 @@ class EncoderParameters:
     track: float
     counter_bits: int
     reversed: tuple[bool, bool] = (False, False)
+    time_offset: float = 0.0
 
     @property
     def metres_per_tick(self) -> np.ndarray:
@@ -53,7 +55,7 @@ def encoder_parameters(data: Any, source: str) -> EncoderParameters:
     """
     if not isinstance(data, dict):
         raise OdometryError(f"{source}: expected the fields {', '.join(LIMITS)}, counter_bits")
-    known = {*LIMITS, "counter_bits", "reversed", "sensor_type", "comment"}
+    known = {*LIMITS, "counter_bits", "reversed", "time_offset", "sensor_type", "comment"}
     for key in data:
         if key not in known:
             raise OdometryError(
@@ -64,10 +66,22 @@ def encoder_parameters(data: Any, source: str) -> EncoderParameters:
             f"{source}: sensor_type is {data['sensor_type']!r}; wheel ticks need 'encoders'"
         )
     return EncoderParameters(
-        **{key: _number(data, key, source) for key in LIMITS},
+        **{key: _number(data, key, *limits, source) for key, limits in LIMITS.items()},
         counter_bits=_counter_bits(data, source),
         reversed=_reversed(data, source),
+        time_offset=_number({"time_offset": 0.0, **data}, "time_offset", *TIME_OFFSET, source),
     )
+
+
+def encoder_section(parameters: EncoderParameters) -> dict[str, Any]:
+    """The `encoders` section of a rig with these parameters; what is usual is left out."""
+    section = {key: getattr(parameters, key) for key in LIMITS}
+    section["counter_bits"] = parameters.counter_bits
+    if any(parameters.reversed):
+        section["reversed"] = list(parameters.reversed)
+    if parameters.time_offset:
+        section["time_offset"] = parameters.time_offset
+    return section
 
 
 def shortest_difference(difference, counter_bits: int):
@@ -85,14 +99,12 @@ def unwrap_counts(raw: np.ndarray, counter_bits: int) -> np.ndarray:
     return np.concatenate([raw[:1], raw[:1] + np.cumsum(steps)])
 
 
-def within_counter(raw: ArrayLike, counter_bits: int) -> np.ndarray:
-    """Which readings a counter of that width can show, be it signed or unsigned."""
-    raw = np.asarray(raw, np.int64)
+def within_counter(raw, counter_bits: int):
+    """Which reading(s) a counter of that width can show, be it signed or unsigned."""
     return (raw >= -(1 << (counter_bits - 1))) & (raw < 1 << counter_bits)
 
 
-def _number(data: dict, key: str, source: str) -> float:
-    least, most, meaning = LIMITS[key]
+def _number(data: dict, key: str, least: float, most: float, meaning: str, source: str) -> float:
     if key not in data:
         raise OdometryError(f"{source}: field '{key}' is missing ({meaning})")
     value = data[key]

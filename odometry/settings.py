@@ -70,3 +70,12 @@ class OdometrySettings(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
             ge=0.0,
         ),
     ] = 1.0
+    max_speed: Annotated[
+        float,
+        Meta(
+            description="wheel odometry: no wheel turns faster; what counters say beyond one and "
+            "a half times this is a glitch or a restart of the board",
+            extra={"unit": "m/s"},
+            gt=0.0,
+        ),
+    ] = 1.5

@@ -1,6 +1,7 @@
 """TickLog: recorded wheel ticks (`odom0/data.csv`), whatever state the file is in.
 
-Lines are `stamp [ns],left [ticks],right [ticks]`, counters as read (wrapping); `#` comments.
+Lines are `stamp [ns],left [ticks],right [ticks]`, counters as read (wrapping); `#` comments. The
+comment `#reset` says that the counters began anew before the next line.
 """
 
 from __future__ import annotations
@@ -13,11 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
+from odometry.counters import TickReading
 from odometry.errors import OdometryError
+from odometry.tick_track import gaps
 
-# A gap is an interval that stands out among the others and is long for a moving robot.
-GAP_INTERVALS = 5.0
-GAP_NS = 200_000_000
+HEADER = "#timestamp [ns],left [ticks],right [ticks]\n"
+RESET = "#reset"
 
 _STAMP = re.compile(r"\d{1,19}", re.ASCII)
 _COUNT = re.compile(r"[-+]?\d{1,18}", re.ASCII)
@@ -27,6 +29,7 @@ _COUNT = re.compile(r"[-+]?\d{1,18}", re.ASCII)
 class TickLog:
     """stamps: (n,) int64 ns, strictly increasing; left, right: (n,) int64 raw counters.
 
+    reset: (n,) where the counters are known to have begun anew since the reading before; none.
     skipped: lines left out, counted by reason: `garbled` (not whole numbers), `fields` (not
     three of them), `backwards` and `repeated` (time).
     """
@@ -35,6 +38,11 @@ class TickLog:
     left: np.ndarray
     right: np.ndarray
     skipped: dict[str, int] = field(default_factory=dict)
+    reset: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
+
+    def __post_init__(self) -> None:
+        if len(self.reset) != len(self.stamps):
+            object.__setattr__(self, "reset", np.zeros(len(self.stamps), bool))
 
     def __len__(self) -> int:
         return len(self.stamps)
@@ -42,15 +50,14 @@ class TickLog:
     @property
     def gaps(self) -> np.ndarray:
         """(m, 2) int64 ns: last stamp before and first stamp after each gap."""
-        index = np.flatnonzero(self.in_gap)
+        index = np.flatnonzero(gaps(self.stamps))
         return np.stack([self.stamps[index], self.stamps[index + 1]], axis=1)
 
-    @property
-    def in_gap(self) -> np.ndarray:
-        """(n - 1,) which intervals between neighbouring stamps are gaps."""
-        intervals = np.diff(self.stamps)
-        usual = np.median(intervals) if len(intervals) else 0.0
-        return (intervals > GAP_INTERVALS * usual) & (intervals > GAP_NS)
+
+def tick_lines(reading: TickReading) -> str:
+    """The line of a file of ticks for one reading; before it `#reset` where counters began anew."""
+    line = f"{reading.stamp},{reading.left},{reading.right}\n"
+    return f"{RESET}\n{line}" if reading.reset else line
 
 
 def read_tick_log(path: str | Path) -> TickLog:
@@ -72,7 +79,10 @@ def read_tick_log(path: str | Path) -> TickLog:
 def parse_tick_log(text: str, source: str) -> TickLog:
     """As `read_tick_log`, of text already read; `source` is named in errors."""
     rows, skipped = [], Counter()
+    anew = []  # how many rows there were when the counters began anew
     for line in text.split("\n"):
+        if line.strip() == RESET:
+            anew.append(len(rows))
         if not line.strip() or line.lstrip().startswith("#"):
             continue
         row = _parse_row(line)
@@ -91,7 +101,11 @@ def parse_tick_log(text: str, source: str) -> TickLog:
             "each line must be 'stamp [ns],left [ticks],right [ticks]'"
         )
     table = np.array([rows[i] for i in kept], np.int64)
-    return TickLog(table[:, 0], table[:, 1], table[:, 2], dict(sorted(skipped.items())))
+    reset = np.zeros(len(kept), bool)
+    # The first kept row at or after the remark.
+    after = np.searchsorted(kept, anew)
+    reset[after[after < len(kept)]] = True
+    return TickLog(table[:, 0], table[:, 1], table[:, 2], dict(sorted(skipped.items())), reset)
 
 
 def _parse_row(line: str) -> tuple[int, int, int] | str:

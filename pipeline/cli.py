@@ -11,8 +11,12 @@ from pipeline.commands.lazy import LazyGroup
 # name -> (module:function in pipeline.commands, what it does).
 COMMANDS = {
     "map": ("map:map_command", "Map a recording or a scan log: map and path out."),
+    "live": ("live:live_command", "Map while the robot drives."),
+    "doctor": ("doctor:doctor_command", "Look whether everything is ready for a live run."),
+    "record": ("record:record_command", "Record cameras and encoders."),
     "info": ("info:info_command", "Say what a recording or a scan log holds."),
     "calibrate": ("calibrate:calibrate", "Calibrate a new camera pair."),
+    "odometry": ("odometry:odometry", "Read, calibrate and check wheel encoders."),
     "rig": ("rig:rig", "Show, check and convert a rig file."),
     "stereo": ("stereo:stereo", "See what stereo makes of images; measure its sensor model."),
     "simulate": ("simulate:simulate", "Make recordings and scan logs with known truth."),

@@ -44,6 +44,13 @@ def new_folder(target: str | Path, force: bool = False) -> Iterator[Path]:
         raise
 
 
+def remove_remains(target: Path) -> None:
+    """Take away the temporary folders of runs into `target` that were killed."""
+    place = Path(target).resolve()
+    for partial in place.parent.glob(f".{place.name}.part-*"):
+        shutil.rmtree(partial, ignore_errors=True)
+
+
 def check_target(target: Path, force: bool) -> None:
     """Refuse a `target` early, before any work is spent on it.
 
@@ -65,6 +72,13 @@ def check_target(target: Path, force: bool) -> None:
         raise InputError(
             f"{target}: holds other things than a result: choose another name, or empty it"
         )
+
+
+def replace_files(partial: Path, folder: Path, last: str) -> None:
+    """Move the files of `partial` into `folder`, each in place of an old one; `last` at the end."""
+    for file in sorted(partial.iterdir(), key=lambda file: file.name == last):
+        os.replace(file, folder / file.name)
+    partial.rmdir()
 
 
 def _replace(partial: Path, target: Path) -> None:

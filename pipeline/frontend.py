@@ -11,10 +11,13 @@ from typing import TypeVar
 
 import numpy as np
 
-from pipeline.recordings.base import DamagedFrameError, PairFiles
+from pipeline.recordings.base import DamagedFrameError, Pair
 from stereo.errors import StereoError
+from stereo.pair_check import RIGHT_COVERED, check_pair
 from stereo.ranger import StereoRanger
 from stereo.scan import RangeScan
+
+UNREADABLE = "unreadable pair"
 
 T = TypeVar("T")
 U = TypeVar("U")
@@ -24,29 +27,38 @@ U = TypeVar("U")
 class Observation:
     """What one pair yields: a scan, or the reason why it yields nothing.
 
-    points (n, 3) m on the robot and colours (n, 3) uint8 RGB: of key frames only.
+    kind: of what is wrong, damage: with whose names; brightness: mean of the left image over that
+    of the right one; points (n, 3) m on the robot and colours (n, 3) uint8 RGB: of key frames.
     """
 
     scan: RangeScan | None
+    kind: str = ""
     damage: str = ""
+    brightness: float = 1.0
     points: np.ndarray | None = None
     colours: np.ndarray | None = None
     seconds_reading: float = 0.0
     seconds_stereo: float = 0.0
 
 
-def observe(files: PairFiles, ranger: StereoRanger, key_frame: bool) -> Observation:
-    """Read and range one pair; a damaged one becomes a reason, never an exception."""
+def observe(files: Pair, ranger: StereoRanger, key_frame: bool) -> Observation:
+    """Read and range one pair; one that is no use becomes a reason, never an exception."""
     start = time.perf_counter()
     try:
         pair = files.load()
         read = time.perf_counter()
+        check = check_pair(pair.left, pair.right)
+        if check.defect:
+            name = files.where(right=check.defect == RIGHT_COVERED)
+            return Observation(None, check.defect, name, seconds_reading=read - start)
         frame = ranger.frame(pair)
     except (DamagedFrameError, StereoError) as error:
-        return Observation(None, str(error), seconds_reading=time.perf_counter() - start)
+        taken = time.perf_counter() - start
+        return Observation(None, UNREADABLE, str(error), seconds_reading=taken)
     points, colours = ranger.points(frame, pair.left) if key_frame else (None, None)
     return Observation(
         frame.scan,
+        brightness=check.brightness,
         points=points,
         colours=colours,
         seconds_reading=read - start,

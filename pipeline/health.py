@@ -7,7 +7,7 @@ over- or underestimate distance or rotation against the matched motion.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,8 @@ from mapping.mapper import HierarchicalMapper
 from mapping.particle_filter import FilterHealth
 from mapping.path import travelled
 from odometry.motion import compose, inverse
+from pipeline.frontend import UNREADABLE
+from stereo.pair_check import BLACK, LEFT_COVERED, RIGHT_COVERED, SAME, SATURATED
 
 # A step in which fewer than this share of the particles carry the weight has lost most of them;
 # one after a loop closed is the filter at work, many are a filter that is starved.
@@ -28,10 +30,21 @@ HALF = 0.5
 SELDOM = 0.02
 ANSWERED_WELL = 0.6
 
+# Cameras whose images differ more in brightness are not set alike; what they see differs less.
+UNEQUAL = 1.5
+REMEDIES = {
+    BLACK: "take off the lens caps, or give more light or exposure",
+    SATURATED: "lower the exposure or the gain, or keep the cameras out of the light",
+    LEFT_COVERED: "uncover or clean its lens, check its cable",
+    RIGHT_COVERED: "uncover or clean its lens, check its cable",
+    SAME: "one camera was recorded twice: give the other one's images",
+}
+
 # Odometry and path are compared over stretches of this travel [m], turns included.
 STRETCH = 1.0
-# Not from fewer of them, and with standard errors from so many blocks of neighbours, whose errors
-# hang together.
+# How far they part is told from more than FEW of them, systematic errors from more than LEAST,
+# with standard errors from so many blocks of neighbours, whose errors hang together.
+FEW_STRETCHES = 5
 LEAST_STRETCHES = 60
 BLOCKS = 20
 SIGNIFICANT = 3.0  # standard errors
@@ -40,10 +53,13 @@ WORTH_TELLING = np.array([0.01, 0.01, math.radians(0.1)])
 OUTLIER = 4.0  # robust standard deviations
 
 
-def health_lines(mapper: HierarchicalMapper, sight: str, encoders: bool) -> list[str]:
+def health_lines(
+    mapper: HierarchicalMapper, sight: str, encoders: bool, images: bool = False
+) -> list[str]:
     """The lines of a finished run.
 
-    sight: "columns" of a camera or "beams" of a laser; encoders: the odometry is ours to calibrate.
+    sight: "columns" of a camera or "beams" of a laser; encoders: the odometry is ours to
+    calibrate; images: it comes from the images, or from both.
     """
     steps = mapper.filter.health
     if not steps:
@@ -53,7 +69,8 @@ def health_lines(mapper: HierarchicalMapper, sight: str, encoders: bool) -> list
         particles_line(steps, mapper.settings.particles),
         matching_line(steps),
         answers_line(steps, sight),
-        *odometry_lines(errors, encoders),
+        *agreement_lines(np.array(mapper.odometry), mapper.path()),
+        *odometry_lines(errors, encoders, images),
     ]
 
 
@@ -103,6 +120,28 @@ def answers_line(steps: Sequence[FilterHealth], sight: str) -> str:
     if sight == "columns":
         return f"{line}: more light or texture, a cleaner lens, or a new calibration would help"
     return f"{line}: where maximum readings mean open space, set laser.maximum=free"
+
+
+def image_lines(skipped: Mapping[str, Sequence[str]], brightness: Sequence[float]) -> list[str]:
+    """What was wrong with the images, and its remedy; nothing where all were in order.
+
+    skipped: names of pairs that were passed over, by reason; brightness: of the left image over
+    the right one, for each observation.
+    """
+    lines = []
+    for reason, names in skipped.items():
+        if reason in REMEDIES:
+            lines.append(f"{reason} in {_pairs(names)} (e.g. {names[0]}): {REMEDIES[reason]}")
+        elif reason == UNREADABLE:
+            lines.append(f"{_pairs(names)} could not be used, e.g. {names[0]}")
+    ratio = float(np.median(brightness)) if len(brightness) else 1.0
+    if max(ratio, 1.0 / ratio) > UNEQUAL:
+        side, times = ("left", ratio) if ratio > 1.0 else ("right", 1.0 / ratio)
+        lines.append(
+            f"the {side} images are {times:.1f} times as bright as the others: give both cameras "
+            "the same exposure and gain"
+        )
+    return lines
 
 
 @dataclass(frozen=True)
@@ -174,7 +213,24 @@ def _inliers(A: np.ndarray, b: np.ndarray) -> np.ndarray:
     return off <= OUTLIER * scale + 1e-9
 
 
-def odometry_lines(errors: OdometryErrors | None, encoders: bool) -> list[str]:
+def agreement_lines(odometry: np.ndarray, path: np.ndarray) -> list[str]:
+    """How far odometry and the matched path, poses (n, 3), part over stretches of `STRETCH`."""
+    way = travelled(odometry)
+    ends = np.unique(np.searchsorted(way, np.arange(0.0, way[-1], STRETCH)))
+    if len(ends) <= FEW_STRETCHES:
+        return []
+    found, true = (_stretches(poses, ends) for poses in (odometry, path))
+    apart = np.median(np.hypot(*(found - true)[:, :2].T))
+    turned = np.degrees(np.median(np.abs(found[:, 2] - true[:, 2])))
+    return [
+        f"odometry and matched path part by {1000 * apart:.0f} mm and {turned:.1f} deg "
+        f"in {STRETCH:g} m (median of {len(ends) - 1} stretches)"
+    ]
+
+
+def odometry_lines(
+    errors: OdometryErrors | None, encoders: bool, images: bool = False
+) -> list[str]:
     """What odometry does wrong, and its remedy; nothing where nothing is certain."""
     if errors is None or not errors.significant.any():
         return []
@@ -200,9 +256,15 @@ def odometry_lines(errors: OdometryErrors | None, encoders: bool) -> list[str]:
             f"{math.degrees(t_error):.2f} deg a metre where the robot does not"
         )
         lines.append(line + (f": {larger}_radius of the encoders is too large" if encoders else ""))
-    if not encoders:
+    if images:
+        lines[-1] += ": calibrate the cameras, or doubt them more (visual.along, visual.heading)"
+    elif not encoders:
         lines[-1] += ": calibrate the robot's odometry, or doubt it more (odometry.heading, .along)"
     return lines
+
+
+def _pairs(names: Sequence[str]) -> str:
+    return "1 pair" if len(names) == 1 else f"{len(names)} pairs"
 
 
 def _estimates(error: float) -> str:

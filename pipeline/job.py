@@ -7,8 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from mapping.known_map import KnownMap
 from odometry.walk import LEAP, leaps
-from pipeline.motion import choose_motion
+from pipeline.checkpoint import Observations
+from pipeline.motion import motion_of, usual_motion
 from pipeline.recordings.base import Recording
 from pipeline.recordings.scan_log import ODDITIES, USUAL, ScanLog
 from pipeline.rig import choose_rig
@@ -27,7 +29,7 @@ class Job:
     """
 
     unit: str
-    run: Callable[[Progress, Interrupted], MapRun]
+    run: Callable[[Progress, Interrupted, Observations], MapRun]
     facts: Callable[[], dict[str, Any]]
     notes: list[str]
     skipped: dict[str, list[str]]
@@ -37,21 +39,27 @@ class Job:
 def recording_job(
     recording: Recording,
     rig_file: Path | None,
-    motion: str,
+    motion: str | None,
     settings: Settings,
     seed: int,
     threads: int,
+    begin: KnownMap | None = None,
 ) -> Job:
-    """A recording with the rig and the motion that the user chose.
+    """A recording with the rig and the motion that the user chose; None: what it holds.
 
     Raises:
         InputError, RigError: rig or motion are missing or wrong.
     """
     rig, notes = choose_rig(recording, rig_file)
-    source = choose_motion(motion, recording, rig, settings.odometry, seed)
+    if motion is None:
+        motion, more = usual_motion(recording)
+        notes += more
+    source = motion_of(motion, recording, rig, settings, seed)
 
-    def run(progress: Progress, interrupted: Interrupted) -> MapRun:
-        return map_recording(recording, rig, source, settings, seed, threads, progress, interrupted)
+    def run(progress: Progress, interrupted: Interrupted, known: Observations) -> MapRun:
+        return map_recording(
+            recording, rig, source, settings, seed, threads, progress, interrupted, known, begin
+        )
 
     def facts() -> dict[str, Any]:
         return {
@@ -64,7 +72,7 @@ def recording_job(
     return Job("pairs", run, facts, notes, recording.skipped, recording.poses)
 
 
-def log_job(log: ScanLog, settings: Settings, seed: int) -> Job:
+def log_job(log: ScanLog, settings: Settings, seed: int, begin: KnownMap | None = None) -> Job:
     """A scan log, with the truth that lies beside it.
 
     Raises:
@@ -96,7 +104,9 @@ def log_job(log: ScanLog, settings: Settings, seed: int) -> Job:
     truth = read_tum(log.truth_file) if log.truth_file else None
     return Job(
         "scans",
-        lambda progress, interrupted: map_log(log, settings, seed, progress, interrupted),
+        lambda progress, interrupted, known: map_log(
+            log, settings, seed, progress, interrupted, begin
+        ),
         facts,
         notes,
         log.skipped,

@@ -3,15 +3,54 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from calibration.rig import StereoRig
-from odometry.encoders import encoder_parameters
+from odometry.encoders import EncoderParameters, encoder_parameters
 from odometry.poses import PoseOdometry
 from odometry.settings import OdometrySettings
 from odometry.source import EncoderOdometry, MotionSource
 from pipeline.errors import InputError
-from pipeline.recordings.base import Recording
+from pipeline.recordings.base import BROKEN_TICKS, Recording
 from pipeline.trajectory import read_tum
+
+if TYPE_CHECKING:
+    from pipeline.seeing import AnyMotion
+    from pipeline.settings import Settings
+
+KNOWN = "encoders, poses, poses:FILE.tum, visual, fused"
+
+
+def usual_motion(recording: Recording) -> tuple[str, list[str]]:
+    """What a recording is mapped with unless the user chooses; and notes that he must hear."""
+    if recording.ticks is not None:
+        return "encoders", []
+    also = "" if recording.poses is None else " (--motion poses takes the recording's own poses)"
+    return "visual", [f"no wheel ticks in the recording: its motion is found from the images{also}"]
+
+
+def motion_of(
+    choice: str, recording: Recording, rig: StereoRig, settings: Settings, seed: int
+) -> AnyMotion:
+    """Any motion that `--motion` names, those that look at the images included.
+
+    Raises:
+        InputError: an unknown choice, or one that the recording does not hold.
+    """
+    if choice not in ("visual", "fused"):
+        return choose_motion(choice, recording, rig, settings.odometry, seed)
+    from pipeline.fused_motion import FusedMotion
+    from pipeline.visual_motion import VisualMotion
+
+    if choice == "visual":
+        return VisualMotion(rig, settings.visual, seed)
+    if recording.ticks is None:
+        raise InputError(
+            f"{recording.path}: holds no wheel ticks (odom0/data.csv) to fuse with: give "
+            "--motion visual"
+        )
+    wheels = _encoders(recording, rig, settings.odometry)
+    return FusedMotion(VisualMotion(rig, settings.visual, seed, hold=False), wheels)
 
 
 def choose_motion(
@@ -35,16 +74,27 @@ def choose_motion(
                 + (" or --motion encoders" if recording.ticks else "")
             )
         return PoseOdometry(recording.poses.stamps, recording.poses.poses, settings, seed)
-    raise InputError(f"--motion {choice}: unknown (known: encoders, poses, poses:FILE.tum)")
+    raise InputError(f"--motion {choice}: unknown (known: {KNOWN})")
 
 
 def _encoders(recording: Recording, rig: StereoRig, settings: OdometrySettings) -> EncoderOdometry:
     if recording.ticks is None:
-        instead = "--motion poses" if recording.poses is not None else "--motion poses:FILE.tum"
+        if broken := recording.skipped.get(BROKEN_TICKS):
+            raise InputError("; ".join(broken))
+        instead = "--motion visual" + (" or poses" if recording.poses is not None else "")
         raise InputError(f"{recording.path}: holds no wheel ticks (odom0/data.csv): give {instead}")
-    parameters = recording.encoders
+    return EncoderOdometry(recording.ticks, wheels_of(recording, rig), settings)
+
+
+def wheels_of(recording: Recording, rig: StereoRig) -> EncoderParameters:
+    """The wheels as the rig has them, else as the recording does.
+
+    Raises:
+        InputError: neither does.
+    """
     if "encoders" in rig.sections:
-        parameters = encoder_parameters(rig.sections["encoders"], "rig: encoders")
-    if parameters is None:
-        raise InputError(f"{recording.path}: wheel ticks without odom0/sensor.yaml")
-    return EncoderOdometry(recording.ticks, parameters, settings)
+        return encoder_parameters(rig.sections["encoders"], "rig: encoders")
+    if recording.encoders is None:
+        broken = "; ".join(recording.skipped.get(BROKEN_TICKS, []))
+        raise InputError(broken or f"{recording.path}: wheel ticks without odom0/sensor.yaml")
+    return recording.encoders

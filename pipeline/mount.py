@@ -21,7 +21,7 @@ from pipeline.errors import InputError
 from pipeline.frontend import ahead
 from pipeline.motion import choose_motion
 from pipeline.mount_steps import Steps, camera_steps, skip_unfit
-from pipeline.recordings.base import DamagedFrameError, PairFiles, Recording
+from pipeline.recordings.base import DamagedFrameError, RecordedPair, Recording
 from pipeline.whole_images import spread, whole_rectifier
 from stereo.disparity import SUBPIXEL, DisparityMatcher
 from stereo.errors import StereoError
@@ -85,13 +85,13 @@ def _look_at_floor(
     recording: Recording, rig: StereoRig, frames: int, progress: Progress
 ) -> tuple[FloorMount, int]:
     """The floor's mount and the number of pairs that were read."""
-    small, scale = _reduced(rig)
+    small, scale = reduced(rig)
     # Rectified as if level: the camera's own tilt is what is sought.
     rectify = whole_rectifier(small)
     camera = rectify.camera
-    match = _matcher(rectify)
+    match = floor_matcher(rectify)
 
-    def frame(files: PairFiles) -> FloorFrame | ValueError:
+    def frame(files: RecordedPair) -> FloorFrame | ValueError:
         try:
             pair = files.load()
             left, right = rectify(scale(pair.left), scale(pair.right))
@@ -125,9 +125,9 @@ def _look_at_motion(
     if recording.ticks is None:
         return None, ["no wheel ticks in the recording: yaw, x and y stay as they were"]
     source = choose_motion("encoders", recording, rig, OdometrySettings(), 0)
-    small, scale = _reduced(rig)
+    small, scale = reduced(rig)
     rectify = whole_rectifier(small, replace(mount, yaw=0.0, x=0.0, y=0.0))
-    steps: Steps = camera_steps(recording, source, rectify, _matcher(rectify), scale, progress)
+    steps: Steps = camera_steps(recording, source, rectify, floor_matcher(rectify), scale, progress)
     if len(steps.wheels) < LEAST_STEPS:
         return None, [
             f"only {len(steps.wheels)} steps in which the robot moved and saw how: yaw, x and y "
@@ -162,12 +162,12 @@ def _placed(mount: Mount, found: HandEye) -> tuple[Mount, dict[str, float], list
     return mount, sigma, notes
 
 
-def _matcher(rectify: Rectifier) -> DisparityMatcher:
+def floor_matcher(rectify: Rectifier) -> DisparityMatcher:
     disparities = 16 * math.ceil(REACH * rectify.camera.width / 16)
     return DisparityMatcher(rectify.camera, StereoSettings(disparities=disparities, block=BLOCK))
 
 
-def _reduced(rig: StereoRig) -> tuple[StereoRig, Callable[[np.ndarray], np.ndarray]]:
+def reduced(rig: StereoRig) -> tuple[StereoRig, Callable[[np.ndarray], np.ndarray]]:
     """The rig for images of at most `WIDEST` columns, and what makes them of its own images."""
     width, height = rig.image_size
     k = math.ceil(width / WIDEST)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +12,7 @@ import numpy as np
 from odometry.motion import Motion
 from odometry.source import MotionSource
 from pipeline.frontend import ahead
-from pipeline.recordings.base import DamagedFrameError, PairFiles, Recording
+from pipeline.recordings.base import DamagedFrameError, RecordedPair, Recording
 from stereo.disparity import SUBPIXEL, DisparityMatcher
 from stereo.errors import StereoError
 from stereo.floor_motion import Features, find_features, motion_between
@@ -39,8 +39,8 @@ class Steps:
 
 @dataclass(frozen=True)
 class _Step:
-    first: PairFiles
-    last: PairFiles
+    first: RecordedPair
+    last: RecordedPair
     motion: Motion
 
 
@@ -59,24 +59,12 @@ def camera_steps(
     """
     chosen = _chosen(_wheel_steps(recording, source))
     files = {pair.stamp: pair for step in chosen for pair in (step.first, step.last)}
-
-    def features(pair: PairFiles) -> Features | ValueError:
-        try:
-            loaded = pair.load()
-            left, right = rectify(scale(loaded.left), scale(loaded.right))
-        except (DamagedFrameError, StereoError) as error:
-            return error
-        disparity = match(left, right).astype(np.float32) / SUBPIXEL
-        return find_features(left, disparity, rectify.camera)
-
     seen: dict[int, Features] = {}
-    looked = ahead(list(files.values()), features, os.cpu_count() or 1)
+    looked = looked_at(recording, list(files.values()), rectify, match, scale)
     for done, (pair, found) in enumerate(looked, start=1):
         progress(done, len(files))
-        if isinstance(found, Features):
+        if found is not None:
             seen[pair.stamp] = found
-        else:
-            skip_unfit(recording, found)
     wheels, camera, covariances = [], [], []
     for step in chosen:
         before, after = seen.get(step.first.stamp), seen.get(step.last.stamp)
@@ -93,6 +81,30 @@ def camera_steps(
     )
 
 
+def looked_at(
+    recording: Recording,
+    pairs: list[RecordedPair],
+    rectify: Rectifier,
+    match: DisparityMatcher,
+    scale: Callable[[np.ndarray], np.ndarray],
+) -> Iterator[tuple[RecordedPair, Features | None]]:
+    """Each pair with its features; None, counted and named, where it cannot be used."""
+
+    def features(pair: RecordedPair) -> Features | ValueError:
+        try:
+            loaded = pair.load()
+            left, right = rectify(scale(loaded.left), scale(loaded.right))
+        except (DamagedFrameError, StereoError) as error:
+            return error
+        disparity = match(left, right).astype(np.float32) / SUBPIXEL
+        return find_features(left, disparity, rectify.camera)
+
+    for pair, found in ahead(pairs, features, os.cpu_count() or 1):
+        if not isinstance(found, Features):
+            skip_unfit(recording, found)
+        yield pair, found if isinstance(found, Features) else None
+
+
 def skip_unfit(recording: Recording, error: ValueError) -> None:
     """Count and name an image that cannot be used, once however often it was met."""
     if str(error) not in recording.skipped.get(UNFIT, []):
@@ -102,7 +114,7 @@ def skip_unfit(recording: Recording, error: ValueError) -> None:
 def _wheel_steps(recording: Recording, source: MotionSource) -> list[_Step]:
     """Consecutive steps of about `STEP`, by the wheels."""
     steps: list[_Step] = []
-    first: PairFiles | None = None
+    first: RecordedPair | None = None
     motion = Motion.none(0)
     for pair in recording.pairs:
         increment = source.until(pair.stamp)

@@ -3,27 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from calibration.imagepairs import ImagePair, find_pairs
 from pipeline.recordings import asl, kitti, open_recording
-from pipeline.recordings.base import PairFiles, Recording, read_image
-from stereo.pair import StereoPair
-
-
-@dataclass(frozen=True)
-class HalvedPair(PairFiles):
-    """Both images side by side in one file."""
-
-    def load(self) -> StereoPair:
-        """Decode and split the image.
-
-        Raises DamagedFrameError naming the file.
-        """
-        image = read_image(self.left)
-        middle = image.shape[1] // 2
-        return StereoPair(self.stamp, image[:, :middle], image[:, middle : 2 * middle])
+from pipeline.recordings.base import HalvedPair, PairFiles, RecordedPair, Recording
 
 
 def open_pairs(sources: Sequence[str]) -> Recording:
@@ -43,6 +27,7 @@ def open_pairs(sources: Sequence[str]) -> Recording:
     return recording
 
 
-def _files(number: int, pair: ImagePair) -> PairFiles:
-    kind = PairFiles if pair.left.half is None else HalvedPair
-    return kind(number, pair.left.path, pair.right.path)
+def _files(number: int, pair: ImagePair) -> RecordedPair:
+    if pair.left.half is not None:
+        return HalvedPair(number, pair.left.path)
+    return PairFiles(number, pair.left.path, pair.right.path)

@@ -21,7 +21,7 @@ import numpy as np
 from mapping.clouds import VOXEL, map_points, write_ply
 from mapping.grid import OccupancyGrid
 from odometry.motion import compose
-from pipeline.health import health_lines
+from pipeline.health import health_lines, image_lines
 from pipeline.map_files import write_map_server, write_npz
 from pipeline.picture import draw_map
 from pipeline.run import KeyFrame, MapRun
@@ -155,7 +155,16 @@ def _summary(
         "seconds": {stage: round(seconds, 3) for stage, seconds in run.seconds.items()},
         # ru_maxrss counts kilobytes on Linux, bytes on macOS.
         "peak_memory_mb": round(peak / (1e6 if sys.platform == "darwin" else 1e3), 1),
-        "health": health_lines(run.mapper, sight, encoders=facts.get("motion") == "encoders"),
+        "health": [
+            *health_lines(
+                run.mapper,
+                sight,
+                encoders=facts.get("motion") == "encoders",
+                images=facts.get("motion") in ("visual", "fused"),
+            ),
+            *run.told,
+            *image_lines(run.skipped, run.brightness),
+        ],
         "versions": {name: version(name) for name in VERSIONS_OF},
         "python": platform.python_version(),
     }

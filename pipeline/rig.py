@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
+from calibration.device_rig import load_device_rig
 from calibration.exchange.formats import KINDS, read_rig
 from calibration.rig import Mount, RigError, StereoRig, load_rig
 from pipeline.errors import InputError
-from pipeline.recordings.base import Recording
+from pipeline.recordings.base import BROKEN_RIG, Recording
 
 # What a new calibration of the cameras does not touch in the rig file that it replaces.
 KEPT_SECTIONS = ("encoders", "devices")
@@ -38,9 +40,10 @@ def choose_rig(recording: Recording, path: Path | None) -> tuple[StereoRig, list
     elif recording.rig is not None:
         rig = recording.rig
     else:
+        broken = "; ".join(recording.skipped.get(BROKEN_RIG, []))
         raise InputError(
-            f"{recording.path}: holds no calibration: give --rig rig.yaml "
-            "('beemap calibrate cameras' makes one)"
+            (broken or f"{recording.path}: holds no calibration")
+            + ": give --rig rig.yaml ('beemap calibrate cameras' makes one)"
         )
     if rig.mount is None:
         notes.append(NO_MOUNT)
@@ -48,7 +51,15 @@ def choose_rig(recording: Recording, path: Path | None) -> tuple[StereoRig, list
     return rig, notes
 
 
-def with_kept(rig: StereoRig, replaced: StereoRig | None) -> tuple[StereoRig, list[str]]:
+@dataclass(frozen=True)
+class Replaced:
+    """What a rig file that will be replaced holds beside its cameras' calibration."""
+
+    mount: Mount | None
+    sections: dict[str, Any]
+
+
+def with_kept(rig: StereoRig, replaced: Replaced | None) -> tuple[StereoRig, list[str]]:
     """The rig with what only the rig that it replaces knows; and the names of that."""
     if replaced is None:
         return rig, []
@@ -61,16 +72,22 @@ def with_kept(rig: StereoRig, replaced: StereoRig | None) -> tuple[StereoRig, li
     return replace(rig, mount=rig.mount or replaced.mount, sections=sections), kept
 
 
-def rig_to_replace(output: Path) -> StereoRig:
-    """The rig in a file that will be replaced, whose mount must not be lost.
+def rig_to_replace(output: Path) -> Replaced:
+    """What must not be lost of a rig file that will be replaced, calibrated or not.
 
     Raises:
         InputError: it cannot be read.
     """
     try:
-        return load_rig(output)
+        rig = load_rig(output)
+        return Replaced(rig.mount, rig.sections)
     except RigError as error:
-        raise InputError(f"{error}: mend or delete it, its mount would be lost") from None
+        try:
+            found = load_device_rig(output)
+        except RigError:
+            raise InputError(f"{error}: mend or delete it, its mount would be lost") from None
+    sections = {"devices": found.devices, "encoders": found.encoders}
+    return Replaced(None, {name: part for name, part in sections.items() if part is not None})
 
 
 def size_option(text: str | None, option: str = "--size") -> tuple[int, int] | None:

@@ -11,7 +11,7 @@ import numpy as np
 from calibration.rig import StereoRig
 from pipeline.errors import InputError
 from pipeline.frontend import ahead
-from pipeline.recordings.base import DamagedFrameError, PairFiles, Recording
+from pipeline.recordings.base import DamagedFrameError, RecordedPair, Recording
 from pipeline.whole_images import spread, whole_rectifier
 from stereo.errors import StereoError
 from stereo.rectify import Rectifier
@@ -55,7 +55,7 @@ def check_rig(rig: StereoRig, recording: Recording, pairs: int, progress: Progre
     found: list[RowMatches] = []
     wrong: StereoError | None = None
 
-    def look(pair: PairFiles) -> RowMatches | Exception:
+    def look(pair: RecordedPair) -> RowMatches | Exception:
         try:
             loaded = pair.load()
             return match_points(*rectify(loaded.left, loaded.right))
@@ -84,7 +84,7 @@ def _limit(rig: StereoRig) -> float:
 
 
 def _refuse_exchanged(
-    found: list[RowMatches], files: list[PairFiles], rectify: Rectifier, recording: Recording
+    found: list[RowMatches], files: list[RecordedPair], rectify: Rectifier, recording: Recording
 ) -> None:
     """Things behind infinity, or few matches: perhaps left is right."""
     disparity = np.concatenate([m.left[:, 0] - m.right[:, 0] for m in found])

@@ -13,14 +13,19 @@ import numpy as np
 
 from calibration.rig import StereoRig
 from mapping.gate import ObservationGate
+from mapping.known_map import KnownMap
 from mapping.mapper import HierarchicalMapper
 from odometry.motion import Motion
-from odometry.source import MotionSource
+from pipeline.checkpoint import NOTHING, Observations
 from pipeline.errors import InputError
-from pipeline.frontend import Observation, ahead, observe
-from pipeline.recordings.base import DamagedFrameError, PairFiles, Recording, image_size
+from pipeline.frontend import UNREADABLE, Observation, ahead, observe
+from pipeline.health import REMEDIES
+from pipeline.motion_told import told
+from pipeline.recordings.base import DamagedFrameError, Pair, Recording, image_size
+from pipeline.seeing import AnyMotion, LoadedPair, moved
 from pipeline.settings import Settings
 from stereo.errors import StereoError
+from stereo.pair_check import check_pair
 from stereo.ranger import StereoRanger
 
 # A key frame of the point cloud is taken after this travel [m] or turn [rad].
@@ -49,7 +54,8 @@ class KeyFrame:
 class MapRun:
     """All that a run found out; `pipeline.results` writes it down.
 
-    unit: what the input consists of; key_frames: None where there are no images.
+    unit: what the input consists of; key_frames: None where there are no images; brightness: of
+    each observation, the left image over the right one; told: what the motion's source has to say.
     """
 
     mapper: HierarchicalMapper
@@ -57,7 +63,9 @@ class MapRun:
     key_frames: list[KeyFrame] | None = field(default_factory=list)
     counts: Counter[str] = field(default_factory=Counter)
     skipped: dict[str, list[str]] = field(default_factory=dict)
+    brightness: list[float] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=lambda: defaultdict(float))
+    told: list[str] = field(default_factory=list)
     partial: bool = False
 
     @property
@@ -85,74 +93,92 @@ class MapRun:
 
 @dataclass(frozen=True)
 class Step:
-    """One pair on its way: where it lies, how the robot came there, what is wanted of it."""
+    """One pair on its way: how the robot came there, and what is wanted of it."""
 
-    files: PairFiles
+    pair: Pair
     motion: Motion | None
-    due: bool
-    key_frame: bool
+    due: bool = False
+    key_frame: bool = False
 
 
 def map_recording(
     recording: Recording,
     rig: StereoRig,
-    motion: MotionSource,
+    motion: AnyMotion,
     settings: Settings,
     seed: int = 0,
     threads: int = 1,
     progress: Progress = lambda done, total: None,
     interrupted: Interrupted = lambda: False,
+    known: Observations = NOTHING,
+    begin: KnownMap | None = None,
 ) -> MapRun:
     """Map a recording; `progress` and `interrupted` as in `MapRun.each`.
+
+    known: what was seen in a run before, which need not be looked at again. begin: a map to go on
+    in.
 
     Raises:
         InputError: images and rig do not fit, or no pair can be used.
         StereoError: the images are exchanged, or the rig makes no stereo.
+        MappingError: the place in the map to begin in cannot be found.
     """
-    ranger = StereoRanger(
-        rig,
-        settings.stereo,
-        settings.mapping.max_range,
-        usable_sigma=USABLE_CELLS * settings.mapping.cell,
-    )
+    ranger = make_ranger(rig, settings)
     check_images(recording, rig, ranger)
-    mapper = HierarchicalMapper(settings.mapping, seed)
+    mapper = HierarchicalMapper(settings.mapping, seed, begin)
     run = MapRun(mapper)
 
     def work(step: Step) -> Observation | None:
-        return observe(step.files, ranger, step.key_frame) if step.due else None
+        if not step.due:
+            return None
+        return known.get(step.pair.stamp) or observe(step.pair, ranger, step.key_frame)
 
     total = len(recording.pairs)
-    steps = _steps(recording, motion, mapper.gate)
+    stepper = Stepper(mapper.gate)
+    with_motion = moved(recording.pairs, motion, threads)
+    steps = (stepper.step(pair, motion) for pair, motion in with_motion)
     for step, seen in run.each(ahead(steps, work, threads), total, progress, interrupted):
-        _take(step, seen, run)
+        if seen is not None:
+            known.add(step.pair.stamp, seen)
+        take(step, seen, run)
     if not run.counts["observations"] and not run.partial:
         raise InputError(f"{recording.path}: none of {total} pairs could be used: {_why(run)}")
     mapper.finish()
+    run.told = told(motion, recording.pairs[0].stamp)
     return run
 
 
-def _steps(recording: Recording, motion: MotionSource, gate: ObservationGate) -> Iterator[Step]:
-    """Motion is known before the images are looked at: only due pairs are read at all."""
-    key_gate = ObservationGate(*KEY_FRAME_SPACING)
-    since = Motion.none(0)
-    for files in recording.pairs:
-        moved = motion.until(files.stamp)
-        if moved is None:
-            yield Step(files, None, False, False)
-            continue
-        due = gate.step(moved.increment)
-        since = since.then(moved)
-        key_frame = due and key_gate.step(since.increment)
+class Stepper:
+    """Tells of every pair what is wanted of it.
+
+    Motion is known before a pair is matched, and mostly before it is read: due pairs only.
+    """
+
+    def __init__(self, gate: ObservationGate) -> None:
+        self._gate = gate
+        self._key_gate = ObservationGate(*KEY_FRAME_SPACING)
+        self._since = Motion.none(0)
+
+    def step(self, pair: Pair, motion: Motion | None) -> Step:
+        """The next pair, in order of time, and the motion since the last that had any."""
+        if motion is None:
+            return Step(pair, None)
+        due = self._gate.step(motion.increment)
+        self._since = self._since.then(motion)
+        key_frame = due and self._key_gate.step(self._since.increment)
         if due:
-            since = Motion.none(files.stamp)
-        yield Step(files, moved, due, key_frame)
+            self._since = Motion.none(pair.stamp)
+        return Step(pair, motion, due, key_frame)
 
 
-def _take(step: Step, seen: Observation | None, run: MapRun) -> None:
+def take(step: Step, seen: Observation | None, run: MapRun) -> None:
+    """Let the run have a pair, and what was seen in it where it was due."""
+    if step.motion is None and isinstance(step.pair, LoadedPair) and step.pair.damage:
+        _skip(run, UNREADABLE, step.pair.damage)
+        return
     if step.motion is None:
         run.counts["pairs without motion"] += 1
-        run.skipped.setdefault("pair without motion", []).append(str(step.files.stamp))
+        run.skipped.setdefault("pair without motion", []).append(str(step.pair.stamp))
         return
     run.mapper.move(step.motion)
     run.counts["pairs used"] += 1
@@ -161,20 +187,37 @@ def _take(step: Step, seen: Observation | None, run: MapRun) -> None:
     run.seconds["reading"] += seen.seconds_reading
     run.seconds["stereo"] += seen.seconds_stereo
     if seen.scan is None:
-        run.counts["unreadable pairs"] += 1
-        run.skipped.setdefault("unreadable pair", []).append(seen.damage)
+        _skip(run, seen.kind, seen.damage)
         return
+    run.brightness.append(seen.brightness)
     run.counts["observations"] += 1
     run.mapper.observe(seen.scan)
     if run.key_frames is not None and seen.points is not None and seen.colours is not None:
         run.key_frames.append(KeyFrame(len(run.mapper.stamps) - 1, seen.points, seen.colours))
 
 
+def _skip(run: MapRun, kind: str, damage: str) -> None:
+    run.counts[f"{UNREADABLE}s" if kind == UNREADABLE else "useless pairs"] += 1
+    run.skipped.setdefault(kind, []).append(damage)
+
+
+def make_ranger(rig: StereoRig, settings: Settings) -> StereoRanger:
+    """The stereo stage for ranges of use to the map."""
+    return StereoRanger(
+        rig,
+        settings.stereo,
+        settings.mapping.max_range,
+        usable_sigma=USABLE_CELLS * settings.mapping.cell,
+    )
+
+
 def _why(run: MapRun) -> str:
-    if run.counts["unreadable pairs"]:
-        return f"{run.counts['unreadable pairs']} unreadable, e.g. " + next(
-            iter(run.skipped["unreadable pair"])
-        )
+    if run.skipped:
+        kind, names = max(run.skipped.items(), key=lambda item: len(item[1]))
+        if kind == UNREADABLE:
+            return f"{len(names)} unreadable, e.g. {names[0]}"
+        if kind in REMEDIES:
+            return f"{kind} in {len(names)}, e.g. {names[0]}: {REMEDIES[kind]}"
     return "the motion source knows nothing about the time of the images (compare the stamps)"
 
 
@@ -185,14 +228,17 @@ def check_images(recording: Recording, rig: StereoRig, ranger: StereoRanger) -> 
         raise InputError(f"{recording.path}: none of {len(recording.pairs)} images can be read")
     if size != rig.image_size:
         raise InputError(
-            f"{recording.pairs[0].left}: image is {size[0]}x{size[1]}, the rig is calibrated for "
+            f"{recording.path}: image is {size[0]}x{size[1]}, the rig is calibrated for "
             f"{rig.image_size[0]}x{rig.image_size[1]}: give the rig of these cameras with --rig"
         )
     indices = np.linspace(0, len(recording.pairs) - 1, SWAP_SAMPLES).astype(int)
     looks = []
     for index in sorted(set(indices.tolist())):
         try:
-            looks.append(ranger.looks_swapped(recording.pairs[index].load()))
+            pair = recording.pairs[index].load()
+            # Pairs that are no stereo at all tell nothing; they are counted in their turn, too.
+            if not check_pair(pair.left, pair.right).defect:
+                looks.append(ranger.looks_swapped(pair))
         except (DamagedFrameError, StereoError):
             continue  # damaged pairs are counted when their turn comes
     if looks and sum(looks) * 2 > len(looks):

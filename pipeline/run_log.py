@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from mapping.known_map import KnownMap
 from mapping.mapper import HierarchicalMapper
 from odometry.walk import walk
 from pipeline.recordings.scan_log import ScanLog
@@ -15,13 +16,14 @@ def map_log(
     seed: int = 0,
     progress: Progress = lambda done, total: None,
     interrupted: Interrupted = lambda: False,
+    begin: KnownMap | None = None,
 ) -> MapRun:
-    """Map a scan log; `progress` and `interrupted` as in `MapRun.each`.
+    """Map a scan log; `progress` and `interrupted` as in `MapRun.each`; begin: a map to go on in.
 
     Every scan gets a pose, in the order of the file; those that the gate lets through are seen
     by the mapper.
     """
-    mapper = HierarchicalMapper(settings.mapping, seed)
+    mapper = HierarchicalMapper(settings.mapping, seed, begin)
     run = MapRun(mapper, unit="scans", key_frames=None)
     scans = log.taken(settings.laser, settings.mapping.max_range)
     motions = enumerate(walk(log.stamps, log.odometry, settings.odometry))

@@ -17,6 +17,7 @@ from odometry.settings import OdometrySettings
 from pipeline.errors import InputError
 from pipeline.recordings.laser import LaserSettings
 from stereo.settings import StereoSettings
+from stereo.visual_settings import VisualSettings
 
 
 class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -25,6 +26,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     stereo: StereoSettings = msgspec.field(default_factory=StereoSettings)
     laser: LaserSettings = msgspec.field(default_factory=LaserSettings)
     odometry: OdometrySettings = msgspec.field(default_factory=OdometrySettings)
+    visual: VisualSettings = msgspec.field(default_factory=VisualSettings)
     mapping: MappingSettings = msgspec.field(default_factory=MappingSettings)
 
 

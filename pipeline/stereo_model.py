@@ -16,7 +16,7 @@ from calibration.rig import StereoRig
 from pipeline.errors import InputError
 from pipeline.frontend import Observation, ahead, observe
 from pipeline.intervals import Estimate, of_values, ratio, share
-from pipeline.recordings.base import PairFiles, Recording
+from pipeline.recordings.base import RecordedPair, Recording
 from pipeline.run import USABLE_CELLS, check_images
 from pipeline.settings import Settings
 from pipeline.stereo_cells import (
@@ -44,6 +44,7 @@ from stereo.ranger import StereoRanger
 from stereo.scan import RangeScan
 
 TWO_SIGMA = 1.959964
+STAMPS = "do the stamps of both agree?"
 
 Progress = Callable[[int, int], None]
 
@@ -125,13 +126,13 @@ def examine(
     counts: Counter[str] = Counter()
     skipped: dict[str, list[str]] = {}
 
-    def work(pair: PairFiles) -> Observation:
+    def work(pair: RecordedPair) -> Observation:
         return observe(pair, ranger, key_frame=False)
 
     for done, (_, found) in enumerate(ahead(files, work, threads), start=1):
         progress(done, len(files))
         if found.scan is None:
-            skipped.setdefault("unreadable pair", []).append(found.damage)
+            skipped.setdefault(found.kind, []).append(found.damage)
             continue
         true = truth(found.scan)
         if true is None:
@@ -142,7 +143,7 @@ def examine(
     if not seen:
         raise InputError(
             f"{recording.path}: none of {len(files)} pairs has both a scan and a true one: "
-            + next(iter(skipped.get("unreadable pair", [])), "do the stamps of both agree?")
+            + next((f"{kind}: {names[0]}" for kind, names in skipped.items()), STAMPS)
         )
     return Examined(_compared(seen, ranger, cell), np.array(cells), counts, skipped)
 

@@ -23,6 +23,14 @@ def read_lines(path: Path) -> list[str]:
         raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
 
 
+def ends_whole(path: Path) -> bool:
+    """Whether a text file ends with the end of a line; a writer that was cut off leaves less."""
+    with path.open("rb") as file:
+        file.seek(0, 2)
+        file.seek(max(0, file.tell() - 1))
+        return file.read() == b"\n"
+
+
 def read_fields(path: Path) -> dict[str, Any]:
     """The named fields of a YAML file.
 

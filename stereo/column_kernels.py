@@ -24,6 +24,8 @@ FULL = 3.0
 # Evidence [noise^2] wanted for each pixel needed, and in standard deviations of pure noise.
 EVIDENCE = 3.0
 BEYOND_NOISE = 4.0
+# Share of it wanted of the nearest two of three disparities.
+FRONT = 0.35
 
 
 @njit(cache=True, nogil=True)
@@ -115,7 +117,9 @@ def nearest_standing(filled, evidence, weights, nearness, energy, needed, veto, 
                 continue
             pixels = filled[first:last, max(d - 2, 0) : d + 1].sum()
             found = evidence[first:last, max(d - 2, 0) : d + 1].sum()
-            if found < max(EVIDENCE * needed[d], BEYOND_NOISE * math.sqrt(2.0 * pixels)):
+            wanted = max(EVIDENCE * needed[d], BEYOND_NOISE * math.sqrt(2.0 * pixels))
+            # Most of it may lie behind: then this is the front of another surface.
+            if found < wanted or evidence[first:last, d - 1 : d + 1].sum() < FRONT * wanted:
                 filling = filled[first:last, d - 1 : d + 1].sum()
                 if blank == 0 and filling >= veto * needed[d]:
                     blank = d
@@ -125,6 +129,8 @@ def nearest_standing(filled, evidence, weights, nearness, energy, needed, veto, 
             if d > 1 and weights[first:last, d - 2 : d].sum() > weight:
                 d -= 1
                 weight = weights[first:last, d - 1 : d + 1].sum()
+            if blank - d > max(1.0, one_surface * d):
+                break
             if weight > 0.0:
                 ranges[u] = weight / nearness[first:last, d - 1 : d + 1].sum()
                 support[u] = pixels

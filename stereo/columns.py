@@ -27,11 +27,13 @@ from stereo.settings import StereoSettings
 LEAST_HEIGHT = 0.03
 LEAST_SHARE = 0.6
 # So many times that, filled in across a blank surface before a sure one: something may stand there.
-VETO = 2.0
+VETO = 1.0
 # Disparities within this share of each other (at least 1 px) may be of one surface.
 ONE_SURFACE = 0.1
 # The best rival must cost so many times as much as the match.
 DISTINCT = 1.07
+# What stands no higher may be floor [m].
+LOW = 0.3
 # The outline of a surface is sought in its last so many columns: block and support fatten by 3.
 OUTLINE = 4
 # Ranges differing by more than this factor belong to different surfaces.
@@ -39,9 +41,9 @@ STEP = 1.1
 TINY = 1e-9
 # Variance of a disparity in units of noise^2: what is always there, what a match by AT_MARGIN
 # over its rival adds, and what AT_SUPPORT pixels do. Fitted to the rendered recordings.
-ALWAYS, AT_MARGIN, AT_SUPPORT = 0.16, 0.52, 144.0
+ALWAYS, AT_MARGIN, AT_SUPPORT = 0.04, 0.17, 140.0
 # Disagreement with the neighbouring columns counts so many times: it is seen less than it is.
-ROUGHNESS = 1.8
+ROUGHNESS = 2.6
 
 
 @dataclass(frozen=True)
@@ -90,8 +92,13 @@ def nearest_per_column(
 
     needed = _needed(camera, settings, disparities)
     ranges, support, outline = nearest_standing(*gathered, needed, VETO, ONE_SURFACE)
-    margin = margins(disparity, left, right, factor / ranges, disparities)
+    # At height z, the floor behind has 1 - z / height of the disparity of what stands before it.
+    shares = 1.0 - np.array([settings.height_min, LOW]) / camera.position[2]
+    margin, offset = margins(
+        disparity, left, right, factor / ranges, _floor(camera), shares, disparities
+    )
     ranges[~(margin >= DISTINCT)] = np.nan
+    ranges = factor / (factor / ranges + offset)
     ranges[ranges > max_range] = np.inf
     ranges = trim_outlines(ranges, outline, OUTLINE, STEP)
     ranges, roughness = confirm(ranges, factor, ONE_SURFACE)
@@ -116,6 +123,15 @@ def _to_sensor(camera: RectifiedCamera) -> np.ndarray:
     """Rotation (3, 3) from the robot's frame to the level one that looks along the camera."""
     c, s = math.cos(camera.yaw), math.sin(camera.yaw)
     return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _floor(camera: RectifiedCamera) -> np.ndarray:
+    """Disparity [px] of the floor: its growth per column and per row, and in the image's corner."""
+    across, down, ahead = camera.rotation[2]  # of the optical axes, upward
+    nearness = -camera.depth_factor / camera.position[2]
+    per_column, per_row = nearness * across / camera.f, nearness * down / camera.f_rows
+    corner = nearness * ahead - per_column * camera.cx - per_row * camera.cy
+    return np.array([per_column, per_row, corner])
 
 
 def _band(settings: StereoSettings) -> np.ndarray:

@@ -22,10 +22,6 @@ MODES = {
     "hh": cv2.STEREO_SGBM_MODE_HH,
     "hh4": cv2.STEREO_SGBM_MODE_HH4,
 }
-# SGBM's parabola through costs draws disparities to whole pixels, by up to 0.3 px ("pixel locking",
-# Shimizu and Okutomi 2005). What to add to each sixteenth [sixteenths]: the mean error of textured
-# walls at all fractions of a pixel, nearly the same for every mode, block and contrast.
-UNLOCK = np.array([-2, 2, 3, 3, 3, 2, 2, 1, 0, -1, -2, -3, -3, -4, -4, -4], np.int16)
 # Plain block matching has no neighbours to ask and needs a block so many times as wide.
 BM_BLOCK = 3
 
@@ -57,9 +53,7 @@ class DisparityMatcher:
         padded = [
             cv2.copyMakeBorder(image, 0, 0, pad, 0, cv2.BORDER_REPLICATE) for image in (left, right)
         ]
-        disparity = np.ascontiguousarray(self._matcher().compute(*padded)[:, pad:], np.int16)
-        if self.settings.matcher != "bm":
-            disparity += np.where(disparity > 0, UNLOCK[disparity % SUBPIXEL], np.int16(0))
+        disparity = np.ascontiguousarray(self._matcher().compute(*padded)[:, pad:])
         # A match outside the right image is made of padding, not of anything seen.
         near = disparity[:, :pad]
         near[near > SUBPIXEL * np.arange(near.shape[1])] = -SUBPIXEL

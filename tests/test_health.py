@@ -13,6 +13,7 @@ from mapping.settings import MappingSettings
 from odometry.motion import compose, inverse
 from pipeline.health import (
     OdometryErrors,
+    agreement_lines,
     answers_line,
     health_lines,
     matching_line,
@@ -157,6 +158,7 @@ def test_what_is_wrong_comes_with_its_remedy():
     assert "right_radius of the encoders is too large" in drift
     *others, last = odometry_lines(errors, encoders=False)
     assert not any("encoders" in line for line in (*others, last))
+    assert "calibrate the cameras" in odometry_lines(errors, encoders=False, images=True)[-1]
     assert "calibrate the robot's odometry" in last
 
 
@@ -184,3 +186,13 @@ def test_nothing_significant_is_not_told():
 def test_a_run_that_saw_nothing_says_so():
     (line,) = health_lines(HierarchicalMapper(MappingSettings(particles=2)), "beams", False)
     assert "nothing was mapped" in line
+
+
+def test_how_far_odometry_and_path_part_is_told_in_the_median():
+    travel = np.arange(0.0, 10.0, 0.1)
+    path = np.stack([travel, 0.0 * travel, 0.0 * travel], axis=1)
+    odometry = path * [1.03, 1.0, 1.0]
+    (line,) = agreement_lines(odometry, path)
+    assert line.startswith("odometry and matched path part by 3")
+    assert " mm and 0.0 deg in 1 m (median of 10 stretches)" in line
+    assert agreement_lines(odometry[:40], path[:40]) == []

@@ -321,10 +321,12 @@ def test_ticks_of_another_time_are_refused(refused, office, tmp_path):
 
 def test_no_ticks_where_encoders_are_asked_for(refused, office, tmp_path):
     shutil.rmtree(office / "mav0" / "odom0")
-    line = refused("map", office, "-o", tmp_path / "run")
-    assert "holds no wheel ticks (odom0/data.csv): give --motion poses" in line
+    line = refused("map", office, "-o", tmp_path / "run", "--motion", "encoders")
+    assert "holds no wheel ticks (odom0/data.csv): give --motion visual or poses" in line
+    line = refused("map", office, "-o", tmp_path / "run", "--motion", "fused")
+    assert "holds no wheel ticks (odom0/data.csv) to fuse with: give --motion visual" in line
     line = refused("map", office, "-o", tmp_path / "run", "--motion", "telepathy")
-    assert line.endswith("--motion telepathy: unknown (known: encoders, poses, poses:FILE.tum)")
+    assert "--motion telepathy: unknown (known: encoders, poses, poses:FILE.tum, visual" in line
     shutil.rmtree(office / "mav0" / "state_groundtruth_estimate0")
     line = refused("map", office, "-o", tmp_path / "run", "--motion", "poses")
     assert "holds no poses: give --motion poses:FILE.tum" in line

@@ -147,7 +147,7 @@ def test_a_run_may_end_after_any_pair(office_piece, tmp_path, pairs):
         (["--set", "mapping.particels=5"], "unknown key 'mapping.particels' (known: cell,"),
         (
             ["--set", "maping.cell=5"],
-            "unknown stage 'maping' (known: stereo, laser, odometry, mapping)",
+            "unknown stage 'maping' (known: stereo, laser, odometry, visual, mapping)",
         ),
         (["--set", "mapping.cell"], "--set mapping.cell: write it as stage.key=value"),
         (["--set", "mapping.cell=small"], "mapping.cell is 'small': Expected `float`, got `str`"),
@@ -190,7 +190,7 @@ def test_a_settings_file_is_named_with_its_key(refused, office_piece, tmp_path):
         ("mapping: {partikel: 3}", "unknown key 'mapping.partikel'"),
         ("mapping: {particles: many}", "mapping.particles is 'many'"),
         ("mapping: 3", "mapping: expected key: value lines, got 3"),
-        ("- 3", "expected the stages stereo, laser, odometry, mapping"),
+        ("- 3", "expected the stages stereo, laser, odometry, visual, mapping"),
         ("mapping: {", "settings.yaml, line 1: not valid YAML"),
     ):
         file.write_text(text)

@@ -15,7 +15,7 @@ from click.testing import CliRunner
 from calibration.rig import Mount, load_rig, save_rig
 from calibration.yamlfile import dump_yaml
 from pipeline.commands.simulate import simulate
-from pipeline.mount import _reduced
+from pipeline.mount import reduced
 from pipeline.recordings import open_recording
 from pipeline.recordings.base import read_image
 from tests.simulation_rooms import room_sheet
@@ -146,9 +146,9 @@ def test_mistakes_are_one_line(refused, office, tmp_path):
     assert "no such folder" in refused("calibrate", "mount", tmp_path / "none", "--rig", taken)
 
 
-def test_large_images_are_reduced_with_their_rig():
+def test_large_images_arereduced_with_their_rig():
     large = straight_rig().scaled(5.0)  # 1600 x 1200
-    small, scale = _reduced(large)
+    small, scale = reduced(large)
     assert small.image_size == (800, 600)
     v, u = np.indices((1200, 1600))
     pixels = np.array([[400.5, 300.5], [1200.5, 800.5]])

@@ -1,196 +1,314 @@
-"""The streamed line on hostile bytes, and the reader's thread on a pseudo terminal."""
+"""The reader's thread on pseudo terminals: polls, streams, unplugging, replay, errors in words."""
 
 from __future__ import annotations
 
-import itertools
 import os
-import threading
 import time
-from functools import reduce
-from operator import xor
+from collections.abc import Callable
 
+import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from odometry.clock import SenderClock
+from odometry.counters import Limits, TickReading
+from odometry.decoder import EncoderDecoder
+from odometry.devices import EncoderDevice, make_protocol
 from odometry.errors import OdometryError
-from odometry.protocol import MAX_LINE, EncoderLine, LineSplitter, parse_line
-from odometry.serial_reader import SerialEncoderReader
+from odometry.live import LiveOdometry
+from odometry.ports import UsbIdentity, find_port
+from odometry.raw_log import LineEvent, read_raw_log
+from odometry.reader import open_encoders, replay_encoders
+from odometry.settings import OdometrySettings
+from odometry.source import EncoderOdometry
+from odometry.tick_log import parse_tick_log, tick_lines
+from tests.serial_devices import WHEELS, Board, board, sketch_line
 
-pty = pytest.importorskip("pty", reason="pseudo terminals exist on POSIX systems only")
+pytest.importorskip("pty", reason="pseudo terminals exist on POSIX systems only")
 
-counter = st.integers(-(2**31), 2**32 - 1)
-
-
-def with_checksum(body: bytes) -> bytes:
-    return body + b"*%d" % reduce(xor, body, 0)
-
-
-@given(st.one_of(st.none(), st.integers(0, 2**40)), counter, counter, st.booleans())
-def test_a_written_line_is_read_back(t_us, left, right, checked):
-    body = b"%d,%d" % (left, right) if t_us is None else b"%d,%d,%d" % (t_us, left, right)
-    line = with_checksum(body) if checked else body
-    assert parse_line(line) == EncoderLine(left, right, t_us)
-    assert parse_line(line + b"\r") == EncoderLine(left, right, t_us)
+SETTINGS = OdometrySettings()
+MS = 1_000_000
 
 
-@pytest.mark.parametrize(
-    "line",
-    [b"", b"1", b"1,2,3,4", b"1,2*9", b"1,2*", b"1,2*x", b"1,2*46*46", b"1.5,2", b"a,b", b"-1,2,3"],
-)
-def test_garbage_lines(line):
-    assert parse_line(line) is None
+def until(true: Callable[[], object], seconds: float = 5.0) -> None:
+    end = time.monotonic() + seconds
+    while not true():
+        assert time.monotonic() < end, "nothing happened"
+        time.sleep(0.005)
 
 
-def test_a_checksum_finds_a_changed_digit():
-    line = with_checksum(b"1000,-2000")
-    assert parse_line(line) == EncoderLine(1000, -2000)
-    assert parse_line(line.replace(b"-2000", b"-2001")) is None
+def counting_arduino() -> Callable[[bytes], bytes]:
+    """Answers each `e\\r` with counters that go on by 7 and -3."""
+    state = [0]
+
+    def answer(data: bytes) -> bytes:
+        answers = b""
+        for command in data.split(b"\r")[:-1]:
+            state[0] += command == b"e"
+            known = b"%d %d\r\n" % (7 * state[0], -3 * state[0])
+            answers += known if command == b"e" else b"Invalid Command\r\n"
+        return answers
+
+    return answer
 
 
-@given(st.binary(max_size=300))
-def test_no_bytes_break_the_parser(line):
-    parse_line(line)
+def test_streamed_lines_with_garbage_and_a_wrap(tmp_path):
+    link, log = str(tmp_path / "tty"), tmp_path / "raw.log"
+    with board(link) as sender, open_encoders(EncoderDevice(link), WHEELS, SETTINGS, log) as live:
+        for k in range(300):
+            sender.send(sketch_line(1000 * k, (65000 + 2 * k) % 65536, (-k) % 65536))
+            if k % 50 == 0:
+                sender.send([b"\xff\x00,,\r\n", b"9" * 300 + b"\n", b"1,2*77\n"][k // 50 % 3])
+        until(lambda: live.report()["readings"] == 300)
+        readings = live.readings()
+        assert live.readings() == []
+        assert live.report() == {"readings": 300, "garbled": 4, "checksum": 2}
+    assert [r.left_total for r in readings] == [65000 + 2 * k for k in range(300)]
+    assert (np.diff([r.right_total for r in readings]) == -1).all()
+    assert (np.diff([r.stamp for r in readings]) > 0).all()
+    again = replay_encoders(log, EncoderDevice(link), WHEELS, SETTINGS)
+    assert again.readings() == readings
+    assert again.report() == live.report()
 
 
-@given(st.lists(st.one_of(st.binary(max_size=200), st.just(b"\n"), st.just(b"7" * 100))))
-def test_chunks_do_not_matter_and_memory_is_bounded(chunks):
-    stream = b"".join(chunks)
-    whole, pieces = LineSplitter(), LineSplitter()
-    expected = whole.feed(stream)
-    lines = []
-    for chunk in chunks:
-        lines += pieces.feed(chunk)
-        assert len(pieces._rest) <= MAX_LINE
-    assert lines == expected
-    assert pieces.overlong == whole.overlong
-    dropped = [line for line in stream.split(b"\n")[:-1] if len(line) > MAX_LINE]
-    assert whole.overlong == len(dropped)
+def test_a_polled_board_is_stamped_within_its_round_trip(tmp_path, monkeypatch):
+    monkeypatch.setattr("odometry.protocols.arduino_bridge.ArduinoBridgeProtocol.startup_s", 0.05)
+    link, log = str(tmp_path / "tty"), tmp_path / "raw.log"
+    device = EncoderDevice(link, "arduino_bridge", rate=200.0)
+    with board(link, counting_arduino()), open_encoders(device, WHEELS, SETTINGS, log) as live:
+        live.wait_ready(5.0)
+        until(lambda: live.report()["readings"] >= 20)
+        tap = live.tap()
+        assert tap.wait_until(time.monotonic_ns() + 10 * MS, 5.0)
+        assert not tap.wait_until(time.monotonic_ns() + 10_000 * MS, 0.01)
+        assert tap.readings()
+        readings = live.readings()
+    trips = {}
+    for event in read_raw_log(log):
+        assert event is not None
+        if event.kind == ">":
+            sent = event.stamp
+        elif event.kind == "<":
+            trips[int(event.data.split()[0])] = (sent, event.stamp)
+    for reading in readings:
+        sent, received = trips[reading.left_total]
+        assert reading.stamp == sent + (received - sent) // 2
+    assert replay_encoders(log, device, WHEELS, SETTINGS).readings()[: len(readings)] == readings
 
 
-def test_remarks_and_blank_lines_are_no_readings():
-    assert LineSplitter().feed(b"# ready\r\n\r\n1,2\r\n  \n3,4\n5,") == [b"1,2\r", b"3,4"]
+def test_a_board_that_vanishes_and_comes_back_restarted(tmp_path):
+    link, log = str(tmp_path / "tty"), tmp_path / "raw.log"
+    first = Board(link)
+    with open_encoders(EncoderDevice(link), WHEELS, SETTINGS, log) as live:
+        odometry = LiveOdometry(live.tap(), WHEELS, SETTINGS, wait_s=3.0)
+        for k in range(20):
+            first.send(sketch_line(1000 * k, 5000 + k, 5000 + k))
+        until(lambda: live.report()["readings"] == 20)
+        start = live.readings()
+        assert odometry.until(start[5].stamp) is not None
+        first.unplug()
+        until(lambda: not live.connected)
+        with board(link) as second:
+            until(lambda: live.connected)
+            for k in range(20):
+                second.send(sketch_line(1000 * k, k, k))
+            until(lambda: live.report()["readings"] == 40)
+            readings = live.readings()
+            motion = odometry.until(readings[-1].stamp)
+            assert motion is not None
+            assert motion.increment[0] == pytest.approx(
+                (14 + 19) * WHEELS.metres_per_tick[0], abs=1e-9
+            )
+            assert np.sqrt(motion.covariance[0, 0]) > 0.05
+        report, events = live.report(), " | ".join(live.events())
+    assert (report["lost_devices"], report["reconnects"], report["resets"]) == (1, 1, 1)
+    for told in ("device was lost", "reading again", "restarted from 5019, 5019 to 0, 0"):
+        assert told in events
+    assert [r.reset for r in readings] == [True] + [False] * 19
+    again = replay_encoders(log, EncoderDevice(link), WHEELS, SETTINGS)
+    assert again.readings() == start + readings
+    assert again.report() == live.report()  # by then the second board has been unplugged, too
 
 
-def test_the_senders_clock_takes_out_the_delay_and_its_own_wrap():
-    clock = SenderClock()
-    sent = [2**32 - 50_000 + 10_000 * k for k in range(20)]
-    delays = [3_000_000 * (k % 4) for k in range(20)]
-    host = 5_000_000_000
-    for k, (t_us, delay) in enumerate(zip(sent, delays, strict=True)):
-        true_time = host + 10_000_000 * k
-        assert clock.host_time(t_us % 2**32, true_time + delay) == pytest.approx(
-            true_time, abs=100_000
-        )
-
-
-def test_a_slow_senders_clock_is_followed_and_a_restart_costs_one_line():
-    clock = SenderClock()
-    arrival = stamp = 0
-    for k in range(2000):
-        arrival = 100_000_000 * k
-        # 100 ppm slow: after 200 s it is 20 ms behind.
-        stamp = clock.host_time(int(arrival * (1 - 1e-4)) // 1000, arrival)
-    assert arrival - stamp < 100_000
-    assert clock.host_time(123, arrival + 1000) == arrival + 1000
-    assert clock.host_time(100_123, arrival + 100_001_000) == pytest.approx(
-        arrival + 100_001_000, abs=100_000
+def test_live_and_recorded_motion_are_the_same_to_the_byte():
+    rng = np.random.default_rng(1)
+    device = EncoderDevice("p")
+    decoder = EncoderDecoder(make_protocol(device, WHEELS), Limits(WHEELS, 1.5), device.rate)
+    readings: list[TickReading] = []
+    left = right = 9000
+    stamp = 10**9
+    for k in range(3000):
+        stamp += 20 * MS + int(rng.integers(0, 3 * MS))
+        left, right = left + int(rng.integers(0, 40)), right + int(rng.integers(0, 40))
+        if k in (900, 2000):
+            left, right, stamp = 0, 0, stamp + 900 * MS
+        if k == 1500:
+            stamp += 1200 * MS  # a gap
+        glitch = (30000, 3) if k % 500 == 77 else (left, right)
+        line = b"%d,%d\n" % glitch
+        readings += decoder.take(LineEvent(stamp, "<", line))
+    recorded = EncoderOdometry(
+        parse_tick_log("".join(map(tick_lines, readings)), "x"), WHEELS, SETTINGS
     )
+    live = LiveOdometry(_FullTap(readings), WHEELS, SETTINGS)  # type: ignore[arg-type]
+    for image in range(readings[3].stamp, readings[-1].stamp, 101 * MS):
+        a, b = recorded.until(image), live.until(image)
+        assert a is not None
+        assert b is not None
+        assert a.increment.tobytes() == b.increment.tobytes()
+        assert a.covariance.tobytes() == b.covariance.tobytes()
+    assert len(live._rows) < 300
+    assert live.report()["ticks_resets"] == recorded.report()["ticks_resets"] == 2
+    assert decoder.report() == {"implausible": 6, "resets": 2, "silences": 3}
+    assert live.until(readings[-1].stamp + 1) is None
+    assert live.report()["pairs_without_motion"] == 1
 
 
-@pytest.fixture
-def terminal():
-    master, slave = pty.openpty()
-    path = os.ttyname(slave)
-    yield master, path
-    for descriptor in (master, slave):
-        try:
-            os.close(descriptor)
-        except OSError:  # closed by the test that unplugs it
-            continue
+class _FullTap:
+    """All readings, given as they become due."""
+
+    def __init__(self, readings: list[TickReading]) -> None:
+        self._stamps = [r.stamp for r in readings]
+        self._all = readings
+        self._given = self._due = 0
+
+    def wait_until(self, stamp: int, timeout_s: float) -> bool:
+        del timeout_s
+        needed = int(np.searchsorted(self._stamps, stamp)) + 1
+        self._due = max(self._due, min(needed, len(self._all)))
+        return needed <= len(self._all)
+
+    def readings(self) -> list[TickReading]:
+        due = self._all[self._given : self._due]
+        self._given = self._due
+        return due
 
 
-def collect(reader: SerialEncoderReader, count: int, seconds: float = 5.0) -> list:
-    readings, end = [], time.monotonic() + seconds
-    while len(readings) < count and time.monotonic() < end and not reader.error:
-        reader.wait(0.2)
-        readings += reader.ticks()
-    return readings
+def decoder_of(device: EncoderDevice) -> EncoderDecoder:
+    return EncoderDecoder(make_protocol(device, WHEELS), Limits(WHEELS, 1.5), device.rate)
 
 
-@pytest.mark.parametrize("with_clock", [False, True])
-def test_five_hundred_lines_with_garbage_and_a_wrap(terminal, with_clock):
-    master, path = terminal
-    lines = []
-    for k in range(500):
-        body = b"%d,%d" % ((65000 + 10 * k) % 65536, (-7 * k) % 65536)
-        lines.append(with_checksum(b"%d," % (k * 1000) + body) if with_clock else body)
-        if k % 50 == 0:
-            lines.append([b"\xff\x00,,", b"12,99999", b"9" * 300, b"1,2*77"][k // 50 % 4])
-    stream = b"\r\n".join(lines) + b"\r\n"
-
-    def write() -> None:
-        for begin in range(0, len(stream), 37):
-            os.write(master, stream[begin : begin + 37])
-
-    with SerialEncoderReader(path, counter_bits=16) as reader:
-        writer = threading.Thread(target=write)
-        writer.start()
-        readings = collect(reader, 500)
-        writer.join()
-        assert reader.error is None
-        assert reader.garbled == 10
-    assert [r.left_total for r in readings] == [65000 + 10 * k for k in range(500)]
-    assert readings[-1].left == (65000 + 4990) % 65536
-    assert [r.right_total for r in readings] == [-7 * k for k in range(500)]
-    stamps = [r.stamp for r in readings]
-    assert all(a < b for a, b in itertools.pairwise(stamps))
-    assert time.monotonic_ns() - stamps[-1] < 10e9
+def test_slow_round_trips_late_and_unasked_answers_are_told_apart():
+    decoder = decoder_of(EncoderDevice("p", "arduino_bridge", rate=10.0))
+    decoder.take(LineEvent(0, "o", b"p"))
+    assert decoder.due(1000 * MS) is None  # the board is still starting
+    assert decoder.due(2000 * MS) == b"e\r"
+    decoder.take(LineEvent(2000 * MS, ">", b"e\r"))
+    assert decoder.due(2050 * MS) is None
+    (reading,) = decoder.take(LineEvent(2010 * MS, "<", b"1 2\r\n"))
+    assert reading.stamp == 2005 * MS
+    assert decoder.take(LineEvent(2020 * MS, "<", b"1 2\r\n")) == []
+    assert decoder.due(2099 * MS) is None
+    assert decoder.due(2100 * MS) == b"e\r"
+    decoder.take(LineEvent(2100 * MS, ">", b"e\r"))
+    assert decoder.take(LineEvent(2180 * MS, "<", b"3 4\r\n")) == []
+    decoder.take(LineEvent(2200 * MS, ">", b"e\r"))
+    assert decoder.due(2500 * MS) is None
+    assert decoder.due(2501 * MS) == b"e\r"
+    decoder.take(LineEvent(2501 * MS, ">", b"e\r"))
+    (reading,) = decoder.take(LineEvent(2503 * MS, "<", b"5 6\r\n"))
+    assert decoder.report() == {"slow_round_trips": 1, "unanswered": 1, "unasked": 1}
 
 
-def test_another_protocol_is_another_parser(terminal):
-    master, path = terminal
-
-    def semicolons(line: bytes) -> EncoderLine | None:
-        return parse_line(line.replace(b";", b","))
-
-    with SerialEncoderReader(path, counter_bits=16, parse=semicolons) as reader:
-        os.write(master, b"1;2\n")
-        (reading,) = collect(reader, 1)
-    assert (reading.left, reading.right) == (1, 2)
+def test_lines_of_one_chunk_are_spread_over_the_time_since_the_last():
+    decoder = decoder_of(EncoderDevice("p"))
+    decoder.take(LineEvent(100 * MS, "<", b"0,0\n"))
+    readings = decoder.take(LineEvent(104 * MS, "<", b"1,1\n2,2\n3,3\n4,4\n"))
+    assert [r.stamp for r in readings] == [101 * MS, 102 * MS, 103 * MS, 104 * MS]
 
 
-def test_an_unplugged_device_is_an_error_state_and_nothing_hangs():
-    master, slave = pty.openpty()
-    path = os.ttyname(slave)
-    reader = SerialEncoderReader(path, counter_bits=16)
-    reader.connect()
-    os.write(master, b"1,2\n3,4\n")
-    assert len(collect(reader, 2)) == 2
-    os.close(slave)
-    os.close(master)
-    end = time.monotonic() + 3.0
-    while reader.error is None and time.monotonic() < end:
-        time.sleep(0.01)
-    assert reader.error is not None
-    assert path in reader.error
-    assert "check the cable" in reader.error
-    begin = time.monotonic()
-    assert reader.wait(1.0) is False
-    reader.disconnect()
-    assert time.monotonic() - begin < 1.0
+def test_the_wrong_protocol_is_told_once_in_words():
+    decoder = decoder_of(EncoderDevice("p"))
+    for k in range(100):
+        decoder.take(LineEvent(k * 20 * MS, "<", b"1.25 0.5\n"))
+    (event,) = decoder.events()
+    assert "none of them is a reading; they look like protocol: odrive" in event
+    assert decoder.advice() is not None
+    decoder.take(LineEvent(3000 * MS, "<", b"1,2\n"))
+    assert decoder.advice() is None
 
 
-def test_silence_is_no_error_and_closing_is_quick(terminal):
-    _, path = terminal
-    with SerialEncoderReader(path) as reader:
-        assert reader.wait(0.05) is False
-        assert reader.error is None
+def test_silence_is_told_when_nothing_comes_and_closing_is_quick(tmp_path):
+    link = str(tmp_path / "tty")
+    with board(link), open_encoders(EncoderDevice(link), WHEELS, SETTINGS) as live:
+        with pytest.raises(OdometryError, match=r"tty: no reading within 0.05 s .*no answer"):
+            live.wait_ready(0.05)
         begin = time.monotonic()
     assert time.monotonic() - begin < 1.0
 
 
-def test_a_port_that_is_not_there(tmp_path):
-    with pytest.raises(OdometryError, match=r"ttyNONE: cannot be opened.*check the cable"):
-        SerialEncoderReader(str(tmp_path / "ttyNONE")).connect()
+def test_a_log_cut_anywhere_gives_the_readings_before_the_cut(tmp_path):
+    link, log = str(tmp_path / "tty"), tmp_path / "raw.log"
+    with board(link) as sender, open_encoders(EncoderDevice(link), WHEELS, SETTINGS, log) as live:
+        for k in range(30):
+            sender.send(b"%d,%d\n" % (k, k))
+            if k % 7 == 0:
+                time.sleep(0.01)
+        until(lambda: live.report()["readings"] == 30)
+        readings = live.readings()
+    data = log.read_bytes()
+    for cut in range(0, len(data), 5):
+        log.write_bytes(data[:cut])
+        part = replay_encoders(log, EncoderDevice(link), WHEELS, SETTINGS).readings()
+        assert part == readings[: len(part)]
+    log.write_bytes(data.replace(b" < ", b" ? ", 1))
+    assert replay_encoders(log, EncoderDevice(link), WHEELS, SETTINGS).report()["damaged_log_lines"]
+    log.write_bytes(b"something else\n")
+    with pytest.raises(OdometryError, match="not a raw log of encoders"):
+        replay_encoders(log, EncoderDevice(link), WHEELS, SETTINGS)
+    with pytest.raises(OdometryError, match=r"raw\.log: already exists"):
+        open_encoders(EncoderDevice(link), WHEELS, SETTINGS, log)
+
+
+@pytest.fixture
+def no_ports(monkeypatch):
+    monkeypatch.setattr("odometry.ports.list_ports.comports", lambda: [])
+
+
+def opened(named: str) -> None:
+    open_encoders(EncoderDevice(named), WHEELS, SETTINGS).close()
+
+
+def test_a_port_that_is_not_there(tmp_path, no_ports):
+    with pytest.raises(OdometryError, match=r"ttyX: no such port: .*no serial port is present"):
+        opened(str(tmp_path / "ttyX"))
+    with pytest.raises(OdometryError, match=r"tty\*: no port matches"):
+        opened(str(tmp_path / "tty*"))
+
+
+def test_a_busy_port(tmp_path):
+    link = str(tmp_path / "tty")
+    with (
+        board(link),
+        open_encoders(EncoderDevice(link), WHEELS, SETTINGS),
+        pytest.raises(OdometryError, match="tty: busy: another program has it open"),
+    ):
+        opened(link)
+
+
+def test_a_port_that_may_not_be_used(tmp_path, monkeypatch):
+    port = tmp_path / "tty"
+    port.touch()
+    with pytest.raises(OdometryError, match="is not a serial port"):
+        opened(str(port))
+    monkeypatch.setattr("odometry.ports.os.access", lambda *_: False)
+    monkeypatch.setattr("odometry.ports.Path.group", lambda _: "dialout")
+    with pytest.raises(
+        OdometryError, match=r"permission denied: 'sudo usermod -aG dialout \$USER'"
+    ):
+        opened(str(port))
+
+
+def test_patterns_and_devices_that_come_back_under_another_name(tmp_path, monkeypatch):
+    for name in ("usb-a", "usb-b"):
+        (tmp_path / name).touch()
+    os.symlink(tmp_path / "usb-a", tmp_path / "by-id-a")
+    assert find_port(str(tmp_path / "usb-a*")) == str(tmp_path / "usb-a")
+    assert find_port(str(tmp_path / "*-a")) == str(tmp_path / "usb-a")
+    with pytest.raises(OdometryError, match=r"2 ports match .*name one"):
+        find_port(str(tmp_path / "usb-*"))
+
+    class Found:
+        device, vid, pid, serial_number = "/dev/ttyACM1", 0x2341, 0x43, "A1"
+
+    monkeypatch.setattr("odometry.ports.list_ports.comports", lambda: [Found])
+    assert find_port("/dev/ttyACM0", UsbIdentity(0x2341, 0x43, "A1")) == "/dev/ttyACM1"
+    assert find_port("/dev/ttyACM0", UsbIdentity(0x2341, 0x43, "B2")) == "/dev/ttyACM0"

@@ -22,6 +22,8 @@ from pipeline.recordings.base import (
     match_pairs,
     read_image,
 )
+from pipeline.rig import choose_rig
+from tests.conftest import PAIRS
 from tests.stereo_rigs import texture
 
 P_LEFT = [100.0, 0.0, 15.5, 0.0, 0.0, 100.0, 11.5, 0.0, 0.0, 0.0, 1.0, 0.0]
@@ -147,13 +149,15 @@ def test_damage_in_the_truth_is_counted(office):
         ("sensor_type", "{sensor_type", "not valid YAML"),
     ],
 )
-def test_a_wrong_calibration_is_named(office, old, new, message):
+def test_a_wrong_calibration_is_named_and_the_recording_opens(office, old, new, message):
     sheet = office / "mav0" / "cam0" / "sensor.yaml"
     text = sheet.read_text()
     assert old in text
     sheet.write_text(text.replace(old, new))
-    with pytest.raises(ValueError, match=message) as error:
-        open_recording(office)
+    recording = open_recording(office)
+    assert recording.rig is None
+    with pytest.raises(InputError, match=message) as error:
+        choose_rig(recording, None)
     assert "sensor.yaml" in str(error.value)
     assert "\n" not in str(error.value)
 
@@ -165,8 +169,12 @@ def test_a_lone_camera_is_no_stereo_recording(office):
 
 
 @pytest.mark.parametrize("content", ["", "#timestamp [ns],filename\n", "\n\n"])
-def test_an_empty_list_is_refused(office, content):
-    (office / "mav0" / "cam0" / "data.csv").write_text(content)
+def test_an_empty_list_is_refused_where_no_name_of_an_image_is_a_stamp(office, content):
+    cam0 = office / "mav0" / "cam0"
+    (cam0 / "data.csv").write_text(content)
+    assert len(open_recording(office).pairs) == PAIRS
+    for image in (cam0 / "data").iterdir():
+        image.rename(image.with_name(f"x{image.name}"))
     with pytest.raises(InputError, match=r"cam0/data\.csv: lists no image"):
         open_recording(office)
 
@@ -272,7 +280,7 @@ def test_a_missing_image_does_not_shift_the_others(tmp_path, fps):
     left, right = [f"l{i:03}" for i in range(6)], [f"r{i:03}" for i in range(6)]
     del left[4], right[2]
     recording = open_recording(plain(tmp_path, left, right), fps)
-    numbers = [(pair.left.stem[1:], pair.right.stem[1:]) for pair in recording.pairs]
+    numbers = [tuple(file.stem[1:] for file in pair.files) for pair in recording.pairs]
     assert numbers == [("000", "000"), ("001", "001"), ("003", "003"), ("005", "005")]
     assert stamps(recording) == [i * round(1e9 / fps) for i in (0, 1, 3, 5)]
     assert recording.skipped == {

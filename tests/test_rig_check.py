@@ -157,25 +157,25 @@ def shots(office_piece, tmp_path) -> Path:
     folder = tmp_path / "shots"
     folder.mkdir()
     for number, pair in enumerate(open_recording(office_piece).pairs[::10]):
-        shutil.copy(pair.left, folder / f"room{number}_left.jpg")
-        shutil.copy(pair.right, folder / f"room{number}_right.jpg")
+        shutil.copy(pair.files[0], folder / f"room{number}_left.jpg")
+        shutil.copy(pair.files[1], folder / f"room{number}_right.jpg")
     return folder
 
 
 def test_pairs_come_in_many_ways(shots, tmp_path):
     by_name = open_pairs([str(shots)])
     two = open_pairs([f"{shots}/*_left.jpg", f"{shots}/*_right.jpg"])
-    assert [(p.left, p.right) for p in by_name.pairs] == [(p.left, p.right) for p in two.pairs]
+    assert [p.files for p in by_name.pairs] == [p.files for p in two.pairs]
     assert len(two.pairs) == 4
     wide = tmp_path / "wide"
     wide.mkdir()
     for pair in two.pairs:
-        both = np.hstack([read_image(pair.left), read_image(pair.right)])
-        cv2.imwrite(str(wide / pair.left.name.replace("_left.jpg", ".png")), both)
+        both = np.hstack([read_image(pair.files[0]), read_image(pair.files[1])])
+        cv2.imwrite(str(wide / pair.files[0].name.replace("_left.jpg", ".png")), both)
     for halved, pair in zip(open_pairs([str(wide)]).pairs, two.pairs, strict=True):
         loaded = halved.load()
-        assert np.array_equal(loaded.left, read_image(pair.left))
-        assert np.array_equal(loaded.right, read_image(pair.right))
+        assert np.array_equal(loaded.left, read_image(pair.files[0]))
+        assert np.array_equal(loaded.right, read_image(pair.files[1]))
 
 
 def test_pictures_are_drawn_once(beemap, refused, shots, office_piece, tmp_path):

@@ -235,7 +235,8 @@ def test_grey_is_the_gamma_of_the_light():
 
 
 def test_the_office_looks_as_in_the_recording_that_ships():
-    """The images are drawn again and compressed alike: then they are the same."""
+    """The images are drawn again and compressed alike: the same but for the noise, which had one
+    deviation for all greys when the recording was made; the same numbers draw it."""
     from simulation.renderer import StereoRenderer
     from simulation.rigs import bent_minibee
 
@@ -250,7 +251,7 @@ def test_the_office_looks_as_in_the_recording_that_ships():
             np.asarray(cv2.imdecode(content, cv2.IMREAD_GRAYSCALE), float)
             for content in (packed, stored)
         )
-        assert np.abs(again - shipped).mean() < 0.01
+        assert np.abs(again - shipped).mean() < 0.5
 
 
 def test_a_white_wall_stays_below_a_grey_level_of_texture():

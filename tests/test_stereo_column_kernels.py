@@ -13,6 +13,7 @@ from hypothesis.extra.numpy import arrays
 from stereo.column_kernels import (
     BEYOND_NOISE,
     EVIDENCE,
+    FRONT,
     LEAST_ALIKE,
     LONELY,
     NEIGHBOURS,
@@ -93,13 +94,16 @@ def standing_twin(filled, evidence, weights, nearness, energy, needed, veto, one
                 break
             window = three, slice(max(d - 2, 0), d + 1)
             pixels, found = filled[window].sum(), evidence[window].sum()
-            if found < max(EVIDENCE * needed[d], BEYOND_NOISE * math.sqrt(2 * pixels)):
+            wanted = max(EVIDENCE * needed[d], BEYOND_NOISE * math.sqrt(2 * pixels))
+            if found < wanted or evidence[three, d - 1 : d + 1].sum() < FRONT * wanted:
                 if blank is None and filled[three, d - 1 : d + 1].sum() >= veto * needed[d]:
                     blank = d
                 continue
             peak = max(
                 (p for p in (d, d - 1) if p > 0), key=lambda p: weights[three, p - 1 : p + 1].sum()
             )
+            if blank is not None and blank - peak > max(1.0, one_surface * peak):
+                break
             surface = three, slice(peak - 1, peak + 1)
             ranges[u] = weights[surface].sum() / nearness[surface].sum()
             support[u], outline[u] = pixels, energy[u, peak - 1 : peak + 1].sum()

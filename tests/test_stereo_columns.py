@@ -19,8 +19,9 @@ CAMERA = level_camera(120, 60)
 # Each of a column's pixels shows more than three times the noise, 8 units of evidence, of which
 # a pixel of support is worth 3: 40 pixels of support are 15 such ones in three columns.
 SETTINGS = StereoSettings(support=40)
-# The mean over three columns is not quite the middle one's range.
-SMOOTHING = 3e-3
+# Between whole pixels a small window's match errs by up to a fifth of one: of the 5 px of the far
+# wall that is 4 %. All columns together err by much less.
+SMOOTHING, MIDDLE = 0.04, 0.01
 NONE = -16
 FAR, NEAR = 5 * 16, 10 * 16  # 2 m and 1 m of `level_camera`
 DISPARITIES = 32
@@ -65,6 +66,8 @@ def test_a_wall_is_seen_at_its_horizontal_distance():
     assert answered[8:].all()
     answered[-2:] = False  # half of their neighbours are missing
     assert np.allclose(found.range[answered], 2.0 * SECANT[answered], rtol=SMOOTHING)
+    middle = np.median(found.range[answered] / SECANT[answered])
+    assert middle == pytest.approx(2.0, rel=MIDDLE)
     assert (found.support[answered] > 100).all()
     assert (found.support[np.isnan(found.range)] == 0).all()
 
@@ -76,7 +79,7 @@ def test_sigma_is_that_of_a_disparity_seen_through_the_geometry():
         # Z^2 / (f B) times the disparity's; the range is Z times secant.
         least = depth**2 / 10.0 * sure * SECANT[20:-4]
         assert (sigma > 0.99 * least).all()
-        assert np.median(sigma / least) < 3.0
+        assert np.median(sigma / least) < 6.0  # few rows: far from what is sure
 
 
 @pytest.mark.parametrize(("rows", "seen"), [(3, 2.0), (7, 1.0)])

@@ -10,12 +10,24 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
 from stereo.columns import DISTINCT
-from stereo.distinctness import GROUP, LEAST, OWN, REACH, ROWS, SAMPLING, margins
+from stereo.distinctness import (
+    GROUP,
+    LEAST,
+    LOCKING,
+    OWN,
+    REACH,
+    ROWS,
+    SAMPLING,
+    TILT,
+    margins,
+)
 from stereo.image_noise import BLOCK, SMOOTHEST, gradient_noise
 from stereo.image_noise import LEAST as LEAST_NOISE
 from tests.stereo_rigs import texture
 
 WIDTH, HEIGHT, BINS = 64, 16, 24
+# No floor in view: all rows look up, and all that stands is high.
+NO_FLOOR, HIGH = np.array([0.0, 0.0, -5.0]), np.array([1.0, 1.0])
 
 
 def least_costs(costs: np.ndarray, winner: float) -> tuple[float, float]:
@@ -32,32 +44,84 @@ def least_costs(costs: np.ndarray, winner: float) -> tuple[float, float]:
     return max(floor, min(costs[own], default=np.inf)), min(lowered[~own], default=np.inf)
 
 
-def margin_of(disparity, left, right, u, winner, bins):
-    """Margin of one column, None where there is nothing to compare."""
-    rows = np.flatnonzero(abs(disparity[:, u] / 16 - winner) <= OWN)
+def window_costs(left, right, rows, first, last, u, d) -> list[float]:
+    """Summed differences a pixel left of the column, right of it and of both."""
+    if first < 0 or last - d > left.shape[1] or first - d < 0:
+        return [np.inf] * 3
+    window = left[rows, first:last].astype(int) - right[rows, first - d : last - d]
+    by_column = abs(window).sum(axis=0)
+    before, after = by_column[: u + 1 - first], by_column[u + 1 - first :]
+    return [
+        before.mean() if len(before) > LEAST else np.inf,
+        after.mean() if len(after) >= LEAST else np.inf,
+        by_column.mean(),
+    ]
+
+
+def floor_costs(left, right, rows, first, last, u, floor) -> np.ndarray:
+    costs = np.full(3, np.inf)
+    for shift in range(-TILT, TILT + 1):
+        seen = []
+        for v in rows:
+            d = round(floor[0] * u + floor[1] * v + floor[2]) + shift
+            if d >= 0 and first - d >= 0 and last - d <= left.shape[1]:
+                row = left[v, first:last].astype(int) - right[v, first - d : last - d]
+                seen.append(abs(row))
+        if 2 * len(seen) <= len(rows):
+            continue
+        total = np.sum(seen, axis=0) * len(rows) / len(seen)
+        before, after = total[: u + 1 - first], total[u + 1 - first :]
+        sides = [before.mean(), after.mean() if len(after) else np.inf, total.mean()]
+        costs = np.minimum(costs, sides)
+    return costs
+
+
+def fine(costs: np.ndarray, winner: float) -> float:
+    whole = min(round(winner), len(costs) - 1)
+    for d in (whole - 1, whole + 1):
+        if 0 <= d < len(costs) and costs[d] < costs[whole]:
+            whole = d
+    if not 0 < whole < len(costs) - 1:
+        return winner
+    before, least, after = costs[whole - 1 : whole + 2]
+    steep = max(before, after) - least
+    if not steep > 0 or min(before, after) < least:
+        return winner
+    found = whole + 0.5 * (before - after) / steep
+    return found if abs(found - winner) <= LOCKING else winner
+
+
+def margin_of(disparity, left, right, u, winner, floor, shares, bins):
+    """Margin and offset of one column, None where there is nothing to compare."""
+    below = floor[0] * u + floor[1] * np.arange(len(disparity)) + floor[2]
+    shows = (below <= shares[0] * winner) & (abs(disparity[:, u] / 16 - winner) <= OWN)
+    rows = np.flatnonzero(shows)
+    low = (below[rows] > shares[1] * winner).all()
     taken = min(len(rows), ROWS)
     limit = min(bins, u + 1)
     if taken < 2 or limit <= winner:
         return None
     rows = rows[[k * len(rows) // taken for k in range(taken)]]
-    costs = np.full((3, limit), np.inf)
-    for d in range(limit):
-        first, last = max(u - REACH, d, 0), min(u + REACH + 1, left.shape[1])
-        window = left[rows, first:last].astype(int) - right[rows, first - d : last - d]
-        by_column = abs(window).sum(axis=0)
-        before, after = by_column[: u + 1 - first], by_column[u + 1 - first :]
-        if len(before) > LEAST:
-            costs[0, d] = before.mean()
-        if len(after) >= LEAST:
-            costs[1, d] = after.mean()
-        costs[2, d] = by_column.mean()
-    pairs = [least_costs(side, winner) for side in costs]
-    compared = [r / own for own, r in pairs if np.isfinite(own) and np.isfinite(r)]
-    return max(compared, default=None)
+    first, last = max(u - REACH, 0), min(u + REACH + 1, left.shape[1])
+    costs = np.array(
+        [window_costs(left, right, rows, max(first, d), last, u, d) for d in range(limit)]
+    ).T
+    floors = floor_costs(left, right, rows, first, last, u, floor)
+    margins_of_sides = []
+    for side, width in enumerate((u + 1 - first, last - u - 1, last - first)):
+        own, rival = least_costs(costs[side], winner)
+        rival = min(rival, floors[side])
+        if np.isfinite(own) and np.isfinite(rival):
+            sure = np.sqrt(taken * width / (ROWS * (2 * REACH + 1)))
+            margins_of_sides.append(1.0 + sure * (rival / own - 1.0))
+    best = max(margins_of_sides, default=-1.0)
+    if low:
+        best = 1.0 + 0.5 * (best - 1.0)
+    return (best if best >= 0.0 else np.nan), fine(costs[2], winner) - winner
 
 
-def margins_twin(disparity, left, right, winner, bins):
-    margin = np.full(len(winner), np.nan)
+def margins_twin(disparity, left, right, winner, floor, shares, bins):
+    margin, offset = np.full(len(winner), np.nan), np.zeros(len(winner))
     for begin in range(0, len(winner), GROUP):
         group = np.arange(begin, min(begin + GROUP, len(winner)))
         answered = group[winner[group] > 0]
@@ -65,30 +129,38 @@ def margins_twin(disparity, left, right, winner, bins):
             continue
         middle = begin + GROUP // 2
         u = middle if middle in answered else answered[0]
-        value = margin_of(disparity, left, right, u, winner[u], bins)
-        if value is not None:
-            margin[group] = value
-    return margin
+        found = margin_of(disparity, left, right, u, winner[u], floor, shares, bins)
+        if found is not None:
+            margin[group], offset[group] = found
+    return margin, offset
 
 
 @hypothesis_settings(max_examples=25)
-@given(st.integers(0, 2**32 - 1), st.integers(1, 40), st.floats(0.0, 1.0), st.integers(61, 64))
-def test_margins_equal_plain_numpy(seed, contrast, share, width):
+@given(
+    st.integers(0, 2**32 - 1),
+    st.integers(1, 40),
+    st.floats(0.0, 1.0),
+    st.integers(61, 64),
+    st.floats(-20.0, 20.0),
+)
+def test_margins_equal_plain_numpy(seed, contrast, share, width, corner):
     rng = np.random.default_rng(seed)
     left, right = rng.integers(-contrast, contrast + 1, (2, HEIGHT, width)).astype(np.int16)
     disparity = rng.integers(-16, 16 * BINS, (HEIGHT, width)).astype(np.int16)
     winner = rng.uniform(0.0, BINS, width)
     disparity[:, ::3] = np.rint(16 * winner[::3]) + rng.integers(-40, 41, disparity[:, ::3].shape)
     winner[rng.random(width) > share] = np.nan
-    found = margins(disparity, left, right, winner, BINS)
-    assert np.allclose(found, margins_twin(disparity, left, right, winner, BINS), equal_nan=True)
+    floor, shares = np.array([0.01, 0.7, corner]), np.array([0.67, 0.1])
+    arguments = (disparity, left, right, winner, floor, shares, BINS)
+    for found, expected in zip(margins(*arguments), margins_twin(*arguments), strict=True):
+        assert np.allclose(found, expected, equal_nan=True)
 
 
 def columns_of(left: np.ndarray, right: np.ndarray, d: float) -> np.ndarray:
     """Margins if all columns were matched at d."""
     disparity = np.full(left.shape, round(16 * d), np.int16)
     a, b = (cv2.Sobel(image, cv2.CV_16S, 1, 0, ksize=3) for image in (left, right))
-    return margins(disparity, a, b, np.full(left.shape[1], d), BINS)
+    return margins(disparity, a, b, np.full(left.shape[1], d), NO_FLOOR, HIGH, BINS)[0]
 
 
 def shifted(wide: np.ndarray, by: float) -> np.ndarray:

@@ -8,6 +8,7 @@ from pipeline.commands.lazy import LazyGroup
 
 COMMANDS = {
     "board": ("calibrate_board:board", "Draw a board to print, at exact scale."),
+    "capture": ("calibrate_capture:capture", "Take pairs of a board by itself, then calibrate."),
     "cameras": ("calibrate_cameras:cameras", "Find lenses and pose from images of a board."),
     "mount": ("calibrate_mount:mount", "Find how the cameras sit on the robot."),
 }

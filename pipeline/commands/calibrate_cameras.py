@@ -16,7 +16,7 @@ from pipeline.progress import progress_bar
 if TYPE_CHECKING:
     from calibration.calibrate import CalibrationResult
     from calibration.imagepairs import PairList
-    from calibration.rig import StereoRig
+    from pipeline.rig import Replaced
 
 LENSES = ("auto", "radtan4", "radtan5", "rational", "fisheye")
 REDO_CODE = 3  # exit code of a calibration that has to be made again
@@ -127,7 +127,7 @@ def cameras(
         sys.exit(REDO_CODE)
 
 
-def _rig_to_replace(output: Path, force: bool) -> StereoRig | None:
+def _rig_to_replace(output: Path, force: bool) -> Replaced | None:
     from pipeline.rig import rig_to_replace
 
     if output.is_dir():

@@ -52,7 +52,7 @@ def describe(recording: Recording) -> dict[str, Any]:
 
     stamps = np.array([pair.stamp for pair in recording.pairs], np.int64)
     size = image_size(recording.pairs)
-    images = [image for pair in recording.pairs for image in (pair.left, pair.right)]
+    images = [image for pair in recording.pairs for image in pair.files]
     damaged = filter(looks_damaged, images)
     recording.skip("image cut short", [str(i.relative_to(recording.path)) for i in damaged])
     facts: dict[str, Any] = {

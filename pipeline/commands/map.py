@@ -3,33 +3,53 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+import msgspec
 
+from pipeline.commands.libraries import Open3DLoading, use_threads
 from pipeline.errors import InputError
 
 if TYPE_CHECKING:
+    from pipeline.checkpoint import Checkpoint, Observations
     from pipeline.job import Job
+    from pipeline.map_request import MapRequest
     from pipeline.run import MapRun
     from pipeline.settings import Settings
 
 
 @click.command("map")
-@click.argument("recording", type=click.Path(path_type=Path), metavar="INPUT")
+@click.argument("recording", type=click.Path(path_type=Path), metavar="INPUT", required=False)
+@click.option("-o", "--output", type=click.Path(path_type=Path), help="result folder")
 @click.option(
-    "-o", "--output", type=click.Path(path_type=Path), required=True, help="result folder"
+    "--resume",
+    type=click.Path(path_type=Path),
+    metavar="OUT",
+    help="go on with a run of map or live into OUT that was cut off; as it was asked for then",
 )
+@click.option(
+    "--continue",
+    "known_map",
+    type=click.Path(path_type=Path),
+    metavar="MAP",
+    help="begin in a map made before: a result folder, map.npz or map.yaml",
+)
+@click.option("--pose", metavar="X,Y,DEG", help="where in it; else it is searched")
 @click.option(
     "--rig", type=click.Path(path_type=Path), help="rig.yaml; wins over the recording's own"
 )
 @click.option(
     "--motion",
-    help="encoders (the default), poses (the recording's own) or poses:FILE.tum",
+    help="encoders, visual (from the images), fused (both), poses (the recording's own) or "
+    "poses:FILE.tum; default: encoders where there are any, else visual",
 )
 @click.option(
     "--method",
@@ -39,13 +59,30 @@ if TYPE_CHECKING:
 @click.option("--settings", "settings_file", type=click.Path(path_type=Path), help="YAML settings")
 @click.option("--set", "overrides", multiple=True, metavar="STAGE.KEY=VALUE", help="one setting")
 @click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True)
-@click.option("--fps", type=click.FloatRange(min=0, min_open=True), help="of plain image folders")
+@click.option(
+    "--fps", type=click.FloatRange(min=0, min_open=True), help="of plain image folders and videos"
+)
+@click.option("--ticks", type=click.Path(path_type=Path), help="table of wheel ticks (CSV)")
+@click.option(
+    "--ticks-columns", default="time,left,right", show_default=True, help="names or 1,2,3"
+)
+@click.option(
+    "--ticks-unit",
+    type=click.Choice(["s", "ms", "us", "ns"]),
+    help="of its time  [default: as the column's name says, else s]",
+)
+@click.option(
+    "--ticks-offset", default=0.0, help="seconds to add to its time: the images' clock counts"
+)
 @click.option("--threads", type=click.IntRange(min=1), help="default: all cores")
 @click.option("--force", is_flag=True, help="replace an existing result folder")
 @click.option("--quiet", is_flag=True, help="no progress, no summary")
 def map_command(
-    recording: Path,
-    output: Path,
+    recording: Path | None,
+    output: Path | None,
+    resume: Path | None,
+    known_map: Path | None,
+    pose: str | None,
     rig: Path | None,
     motion: str | None,
     method: str | None,
@@ -53,39 +90,90 @@ def map_command(
     overrides: tuple[str, ...],
     seed: int,
     fps: float | None,
+    ticks: Path | None,
+    ticks_columns: str,
+    ticks_unit: str | None,
+    ticks_offset: float,
     threads: int | None,
     force: bool,
     quiet: bool,
 ) -> None:
     """Map INPUT, a recording or a scan log: a map and a path come out.
 
-    A recording is an EuRoC/ASL folder, a KITTI odometry folder, or a folder with left/ and
-    right/. A scan log is a CARMEN log of laser scans with odometry (.log, .clf, also .gz, .bz2,
-    .xz); the true path beside it (LOG's name, .tum) comes along. Ctrl-C ends the run early with
-    the results so far.
+    A recording is an EuRoC/ASL folder, a KITTI odometry folder, a folder with left/ and right/, a
+    folder with a left and a right video, or one side-by-side video. A scan log is a CARMEN log of
+    laser scans with odometry (.log, .clf, also .gz, .bz2, .xz); the true path beside it (LOG's
+    name, .tum) comes along. Ctrl-C ends the run early with the results so far; --resume goes on.
     """
-    from pipeline.folders import check_target, new_folder
+    from pipeline.checkpoint import Checkpoint
+    from pipeline.folders import remove_remains
+    from pipeline.map_request import MapRequest, Ticks, checkpoint_of, parse_begin, resumed
 
-    begin = time.perf_counter()
+    threads = threads or os.cpu_count() or 1
+    if resume is not None:
+        if recording is not None or output is not None:
+            raise InputError("--resume OUT: knows its input and its output: give neither again")
+        checkpoint, request = resumed(resume)
+        remove_remains(resume)
+        with checkpoint:
+            job, settings = request.prepare(None, (), threads)
+            _map(request, job, settings, checkpoint, resume, threads, True, quiet)
+        return
+    if recording is None:
+        raise click.UsageError("Missing argument 'INPUT'")
+    if output is None:
+        raise click.UsageError("Missing option '-o'")
+    _check_output(recording, output, force)
+    if method is not None:
+        overrides = (*overrides, f"mapping.method={method}")
+    table = Ticks(str(ticks), ticks_columns, ticks_unit, ticks_offset) if ticks else None
+    begin = parse_begin(known_map, pose)
+    rig_name = str(rig) if rig else None
+    request = MapRequest(str(recording), rig_name, motion, fps, seed, table, begin)
+    job, settings = request.prepare(settings_file, overrides, threads)
+    asked = request.complete(settings)
+    with Checkpoint.start(checkpoint_of(output), msgspec.to_builtins(asked)) as checkpoint:
+        _map(request, job, settings, checkpoint, output, threads, force, quiet)
+
+
+def _check_output(recording: Path, output: Path, force: bool) -> None:
+    from pipeline.folders import check_target
+
     check_target(output, force)
     if output.exists() and recording.resolve().is_relative_to(output.resolve()):
         raise InputError(f"{output}: holds the recording: choose another folder for the results")
-    if method is not None:
-        overrides = (*overrides, f"mapping.method={method}")
-    threads = threads or os.cpu_count() or 1
-    job, settings = _prepare(recording, fps, rig, motion, settings_file, overrides, seed, threads)
-    _use_threads(threads)
+
+
+def _map(
+    request: MapRequest,
+    job: Job,
+    settings: Settings,
+    checkpoint: Checkpoint,
+    output: Path,
+    threads: int,
+    force: bool,
+    quiet: bool,
+) -> None:
+    """Run the job, with what the checkpoint knows of it already; write, tell."""
+    from pipeline.folders import new_folder
+
+    begin = time.perf_counter()
+    use_threads(threads)
     if not quiet:
         for note in job.notes:
             click.echo(f"note: {note}", err=True)
-    open3d = _Open3DLoading()
-    with new_folder(output, force) as folder:
-        run = _run(job, quiet, open3d)
+        if known := len(checkpoint):
+            click.echo(f"goes on after {known} observations", err=True)
+    open3d = Open3DLoading()
+    # A live run's folder holds its recording: only the results in it are replaced.
+    inside = Path(request.input).resolve().is_relative_to(output.resolve())
+    with _in_place(output) if inside else new_folder(output, force) as folder:
+        run = _run(job, quiet, open3d, checkpoint)
         open3d.wait()
         facts = {
-            "input": str(recording),
+            "input": request.input,
             **job.facts(),
-            "seed": seed,
+            "seed": request.seed,
             "notes": job.notes,
             "threads": threads,
             "recording": job.skipped,
@@ -98,42 +186,30 @@ def map_command(
     if not quiet:
         _print_summary(output, job, run, summary, time.perf_counter() - start)
     if run.partial:
-        click.echo(f"beemap: interrupted: {output} holds the results so far", err=True)
+        click.echo(
+            f"beemap: interrupted: {output} holds the results so far; "
+            f"'beemap map --resume {output}' goes on",
+            err=True,
+        )
         raise SystemExit(130)
+    checkpoint.discard()
 
 
-def _prepare(
-    path: Path,
-    fps: float | None,
-    rig: Path | None,
-    motion: str | None,
-    settings_file: Path | None,
-    overrides: tuple[str, ...],
-    seed: int,
-    threads: int,
-) -> tuple[Job, Settings]:
-    """Open the input; the job with its settings."""
-    from pipeline.job import log_job, recording_job
-    from pipeline.recordings import open_input
-    from pipeline.recordings.scan_log import ScanLog
-    from pipeline.settings import load_settings
+@contextmanager
+def _in_place(output: Path) -> Iterator[Path]:
+    from pipeline.folders import replace_files
 
-    if path.is_file():
-        for option, value in (("--rig", rig), ("--motion", motion), ("--fps", fps)):
-            if value is not None:
-                raise InputError(
-                    f"{path}: is a scan log, which holds its own odometry and needs no {option}: "
-                    "leave it out"
-                )
-    opened = open_input(path, fps)
-    if isinstance(opened, ScanLog):
-        settings = load_settings(settings_file, overrides, opened.fitting)
-        return log_job(opened, settings, seed), settings
-    settings = load_settings(settings_file, overrides)
-    return recording_job(opened, rig, motion or "encoders", settings, seed, threads), settings
+    partial = output / ".saving"
+    shutil.rmtree(partial, ignore_errors=True)
+    partial.mkdir()
+    try:
+        yield partial
+        replace_files(partial, output, "run.json")
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
 
 
-def _run(job: Job, quiet: bool, open3d: _Open3DLoading) -> MapRun:
+def _run(job: Job, quiet: bool, open3d: Open3DLoading, known: Observations) -> MapRun:
     """Map with a progress bar; the first Ctrl-C asks the run to end, a second one breaks it."""
     from pipeline.progress import progress_bar
 
@@ -152,57 +228,9 @@ def _run(job: Job, quiet: bool, open3d: _Open3DLoading) -> MapRun:
                 open3d.check()
                 show(done, total)
 
-            return job.run(progress, stop.is_set)
+            return job.run(progress, stop.is_set, known)
     finally:
         signal.signal(signal.SIGINT, previous)
-
-
-def _use_threads(threads: int) -> None:
-    """Share the cores out: OpenCV one (frames run beside each other), numba all."""
-    # Threads that wait for their next loop must not take the core from those that match images.
-    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
-    import cv2
-    import numba
-
-    cv2.setNumThreads(1)
-    # The default layer is not safe beside other threads; on Linux GNU OpenMP is always there.
-    if os.name == "posix" and hasattr(os, "sched_getaffinity"):
-        numba.config.THREADING_LAYER = "omp"  # pyright: ignore
-    most = numba.config.NUMBA_NUM_THREADS  # pyright: ignore
-    try:
-        numba.set_num_threads(min(threads, most))
-    except ValueError as error:
-        raise InputError(
-            f"numba finds no threads ({error}): on Debian or Ubuntu run 'apt-get install libgomp1'"
-        ) from None
-
-
-class _Open3DLoading:
-    """Imports Open3D (0.6 s) in the background, where it is needed only at the end."""
-
-    def __init__(self) -> None:
-        self._failure: RuntimeError | None = None
-        # No daemon: an interpreter that ends while a library is being loaded crashes.
-        self._thread = threading.Thread(target=self._load)
-        self._thread.start()
-
-    def _load(self) -> None:
-        from mapping.clouds import import_open3d
-
-        try:
-            import_open3d()
-        except RuntimeError as error:
-            self._failure = error
-
-    def check(self) -> None:
-        """Raise what went wrong so far: a long run must not end on a missing library."""
-        if self._failure is not None:
-            raise self._failure
-
-    def wait(self) -> None:
-        """Return when Open3D is there."""
-        self._thread.join()
-        self.check()
 
 
 def _print_summary(

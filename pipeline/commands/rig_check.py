@@ -93,7 +93,7 @@ def _draw(
 
     rectify = whole_rectifier(rig)
     files = spread(recording.pairs, pairs)
-    targets = [folder / f"{pair.left.stem}.png" for pair in files]
+    targets = [folder / f"{pair.name}.png" for pair in files]
     drawn = {}
     for target, pair in zip(targets, files, strict=True):
         try:

@@ -7,6 +7,7 @@ import click
 from pipeline.commands.simulate_degrade import degrade
 from pipeline.commands.simulate_paper import paper
 from pipeline.commands.simulate_rendered import PRESETS, rendered
+from pipeline.commands.simulate_rig import rig
 
 
 @click.group()
@@ -18,3 +19,4 @@ for preset in PRESETS:
     simulate.add_command(rendered(preset))
 simulate.add_command(paper)
 simulate.add_command(degrade)
+simulate.add_command(rig)

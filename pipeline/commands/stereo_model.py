@@ -67,8 +67,9 @@ def model(
     """Measure what the mapper believes of stereo: P(O|E), P(O|notE), noise, false blocks.
 
     The ranges of many pairs are held against the truth: that of a rendered recording, or the map
-    and path that --run found in a real one, whose own errors then count as the ranges'. All numbers come with 95 % intervals from drawing
-    whole frames anew; the end of the output can be pasted into a settings file.
+    and path that --run found in a real one, with the settings of that run; the errors of map and
+    path then count as the ranges' own. All numbers come with 95 % intervals from drawing whole
+    frames anew. The end of the output can be pasted into a settings file.
 
     \b
     beemap stereo model REC
@@ -85,6 +86,8 @@ def model(
 
     if output is not None:
         check_free(_targets(output), force)
+    if run is not None and settings_file is None:
+        settings_file = run / "settings.yaml"
     settings = load_settings(settings_file, overrides)
     opened = open_recording(recording)
     chosen, notes = choose_rig(opened, rig)
@@ -104,7 +107,7 @@ def model(
     if as_json:
         click.echo(json.dumps(facts, indent=2))
     elif not quiet:
-        _print(found, examined, source, settings)
+        _print(found, examined, source, settings, run is not None)
         if output is not None:
             click.echo(f"written: {', '.join(str(target) for target in _targets(output))}")
 
@@ -183,7 +186,9 @@ def _probability(value: float) -> float:
     return value if math.isnan(value) else round(min(max(value, LEAST), 1.0 - LEAST), 4)
 
 
-def _print(found: StereoModel, examined: Examined, source: str, settings: Settings) -> None:
+def _print(
+    found: StereoModel, examined: Examined, source: str, settings: Settings, mapped: bool
+) -> None:
     from pipeline.recordings.base import counted
 
     for reason, names in examined.skipped.items():
@@ -228,7 +233,7 @@ def _print(found: StereoModel, examined: Examined, source: str, settings: Settin
         f"               range {_number(found.block_depth, 2)} m, sd "
         f"{_number(found.block_depth_sd, 2)}, paper N(4.886, 1.773)"
     )
-    if source.startswith("map"):
+    if mapped:
         click.echo("note: all of this includes the errors of the map and the path themselves")
     click.echo("for the settings file:")
     click.echo(_snippet(found))

@@ -3,10 +3,14 @@
 mav0/cam0, cam1: data.csv, data/*.png|jpg, sensor.yaml
 mav0/odom0: data.csv (`#timestamp [ns],left [ticks],right [ticks]`), sensor.yaml
 mav0/state_groundtruth_estimate0/data.csv: the truth, where there is one
+mav0/stereo0 in place of cam0 and cam1: a camera that sends both images side by side
+rig.yaml: beside mav0, the rig with which it was recorded; wins over the sensor.yaml files
 
 In a recording with `odom0` the body frame of the `T_BS` matrices is the robot's, so that they
 hold the camera's mount. Without it (as in EuRoC itself) the body is an IMU and says nothing
 about the floor.
+
+A recording that was cut off at any moment opens as it is: what is damaged is counted and named.
 """
 
 from __future__ import annotations
@@ -17,12 +21,21 @@ from pathlib import Path
 import numpy as np
 
 from calibration.exchange import euroc
-from calibration.rig import StereoRig
+from calibration.rig import RigError
 from odometry.encoders import encoder_parameters
-from odometry.tick_log import read_tick_log
+from odometry.errors import OdometryError
+from odometry.tick_log import parse_tick_log
 from pipeline.errors import InputError
-from pipeline.recordings.base import Recording, match_pairs
-from pipeline.textfiles import read_fields, read_lines
+from pipeline.recordings.base import (
+    BROKEN_RIG,
+    BROKEN_TICKS,
+    IMAGE_ENDINGS,
+    HalvedPair,
+    Recording,
+    match_pairs,
+)
+from pipeline.recordings.recorded_rig import RIG_FILE, load_recorded_rig
+from pipeline.textfiles import ends_whole, read_fields, read_lines
 from pipeline.trajectory import Trajectory
 
 LOOKED_FOR = "mav0/cam0/data.csv (EuRoC/ASL)"
@@ -33,27 +46,30 @@ LAST_STAMP = 2**63 - 1  # int64 holds no later one [ns]
 
 def recognises(path: Path) -> bool:
     """Whether `path` is an ASL folder, or the `mav0` in it."""
-    return (path / "mav0" / "cam0").is_dir() or (path / "cam0" / "data.csv").is_file()
+    return any(
+        (path / "mav0" / camera).is_dir() or (path / camera / "data.csv").is_file()
+        for camera in ("cam0", "stereo0")
+    )
 
 
 def read(path: Path) -> Recording:
     """Open the folder. Raises InputError or RigError naming what is missing or wrong."""
     root = path / "mav0" if (path / "mav0").is_dir() else path
     recording = Recording(path, "EuRoC/ASL folder", [])
-    left, right = (_image_list(root / camera, recording) for camera in ("cam0", "cam1"))
-    recording.pairs = match_pairs(left, right, recording)
+    if (root / "stereo0").is_dir():
+        recording.pairs = [HalvedPair(*i) for i in sorted(_image_list(root / "stereo0", recording))]
+    else:
+        left, right = (_image_list(root / camera, recording) for camera in ("cam0", "cam1"))
+        recording.pairs = match_pairs(left, right, recording)
     robot_frame = (root / "odom0" / "data.csv").is_file()
-    if (root / "cam0" / "sensor.yaml").is_file() and (root / "cam1" / "sensor.yaml").is_file():
-        recording.rig = _rig(root, robot_frame)
-        recording.rig_source = "sensor.yaml of both cameras"
+    _add_rig(recording, root, robot_frame)
     if robot_frame:
-        recording.ticks = read_tick_log(root / "odom0" / "data.csv")
-        sensor = root / "odom0" / "sensor.yaml"
-        recording.encoders = encoder_parameters(read_fields(sensor), str(sensor))
+        _add_ticks(recording, root / "odom0")
     truth = root / "state_groundtruth_estimate0" / "data.csv"
     if truth.is_file():
         recording.poses = _truth(truth, recording)
-        recording.poses_source = "state_groundtruth_estimate0"
+        if recording.poses is not None:
+            recording.poses_source = "state_groundtruth_estimate0"
     return recording
 
 
@@ -62,7 +78,8 @@ def _image_list(camera: Path, recording: Recording) -> list[tuple[int, Path]]:
     if not table.is_file():
         raise InputError(f"{table}: missing: a stereo recording needs cam0 and cam1")
     images, broken, missing = [], [], []
-    for number, line in enumerate(read_lines(table), start=1):
+    lines = read_lines(table)
+    for number, line in enumerate(lines, start=1):
         if not line.strip() or line.startswith("#"):
             continue
         stamp, _, name = (part.strip() for part in line.partition(","))
@@ -74,25 +91,69 @@ def _image_list(camera: Path, recording: Recording) -> list[tuple[int, Path]]:
             images.append((int(stamp), camera / "data" / name))
     recording.skip("garbled line in an image list", broken)
     recording.skip("listed image is missing", missing)
+    if not images or not ends_whole(table):
+        found = _unlisted(camera, images[-1][0] if images else -1)
+        recording.skip("image beyond the end of a list cut short, taken by name", found)
+        images += [(int(Path(name).stem), camera / "data" / name) for name in found]
     if not images:
         raise InputError(f"{table}: lists no image that exists in {camera / 'data'}")
     return images
+
+
+def _unlisted(camera: Path, after: int) -> list[str]:
+    """Images whose names are later stamps."""
+    folder = camera / "data"
+    names = [f for f in folder.iterdir() if f.suffix in IMAGE_ENDINGS] if folder.is_dir() else []
+    later = [f for f in names if _is_stamp(f.stem) and int(f.stem) > after]
+    return [f.name for f in sorted(later, key=lambda f: int(f.stem))]
 
 
 def _is_stamp(text: str) -> bool:
     return STAMP.fullmatch(text) is not None and int(text) <= LAST_STAMP
 
 
-def _rig(root: Path, robot_frame: bool) -> StereoRig:
+def _add_rig(recording: Recording, root: Path, robot_frame: bool) -> None:
+    """The rig that lies in the recording; a damaged one is no reason not to open it."""
     files = [root / camera / "sensor.yaml" for camera in ("cam0", "cam1")]
-    left, right = (read_fields(file) for file in files)
-    return euroc.read((left, right), (str(files[0]), str(files[1])), body_is_robot=robot_frame)
+    recorded = root.parent / RIG_FILE
+    if recorded.is_file():
+        try:
+            recording.rig = load_recorded_rig(recorded)
+            recording.rig_source = f"own {RIG_FILE}"
+        except RigError as error:
+            recording.skip(BROKEN_RIG, [str(error)])
+    if recording.rig is None and all(file.is_file() for file in files):
+        try:
+            sheets = tuple(read_fields(file) for file in files)
+            sources = (str(files[0]), str(files[1]))
+            recording.rig = euroc.read((sheets[0], sheets[1]), sources, body_is_robot=robot_frame)
+            recording.rig_source = "sensor.yaml of both cameras"
+        except (RigError, InputError) as error:
+            recording.skip(BROKEN_RIG, [str(error)])
 
 
-def _truth(path: Path, recording: Recording) -> Trajectory:
+def _add_ticks(recording: Recording, folder: Path) -> None:
+    sensor = folder / "sensor.yaml"
+    table = folder / "data.csv"
+    lines = read_lines(table)
+    if not ends_whole(table):
+        # The start of a count is a count, too: a line without its end is not believed.
+        recording.skip("reading of the wheels cut short", lines[-1:])
+        del lines[-1:]
+    try:
+        recording.encoders = encoder_parameters(read_fields(sensor), str(sensor))
+        recording.ticks = parse_tick_log("\n".join(lines), str(table))
+    except (OdometryError, InputError) as error:
+        recording.skip(BROKEN_TICKS, [str(error)])
+
+
+def _truth(path: Path, recording: Recording) -> Trajectory | None:
     """Columns: stamp, position x y z, quaternion w x y z, and more that is not needed."""
     rows, broken = [], []
-    for number, line in enumerate(read_lines(path), start=1):
+    lines = read_lines(path)
+    # The start of a number is a number, too: a line without its end is not believed.
+    last = len(lines) + 1 if ends_whole(path) else len(lines)
+    for number, line in enumerate(lines, start=1):
         if not line.strip() or line.startswith("#"):
             continue
         stamp, *numbers = (part.strip() for part in line.split(","))
@@ -100,13 +161,14 @@ def _truth(path: Path, recording: Recording) -> Trajectory:
             values = [float(v) for v in numbers[:7]]
         except ValueError:
             values = []
-        if _is_stamp(stamp) and len(values) == 7 and np.isfinite(values).all():
+        if number < last and _is_stamp(stamp) and len(values) == 7 and np.isfinite(values).all():
             rows.append((int(stamp), *values))
         else:
             broken.append(f"line {number}")
     recording.skip("garbled line in the ground truth", broken)
     if not rows:
-        raise InputError(f"{path}: holds no pose")
+        recording.skip("ground truth that holds no pose", [str(path)])
+        return None
     stamps = np.array([row[0] for row in rows], np.int64)
     x, y, _, w, i, j, k = np.array([row[1:] for row in rows]).T
     yaw = np.arctan2(2.0 * (w * k + i * j), 1.0 - 2.0 * (j * j + k * k))

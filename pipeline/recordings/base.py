@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from pipeline.errors import InputError
 from pipeline.trajectory import Trajectory
+from stereo.encoded import TAIL, decode_image, is_cut_short
 
 if TYPE_CHECKING:
     from calibration.rig import StereoRig
@@ -21,8 +22,9 @@ if TYPE_CHECKING:
 # Left and right images belong together when their stamps differ by no more than this [ns].
 PAIR_TOLERANCE = 10_000_000
 
-# The end mark of a PNG or JPEG stands in so many last bytes: some cameras pad their files.
-TAIL = 4096
+# Reasons in `Recording.skipped` that a later stage asks for.
+BROKEN_RIG = "rig that cannot be used"
+BROKEN_TICKS = "wheel ticks that cannot be used"
 
 IMAGE_ENDINGS = {".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".tif", ".tiff", ".webp"}
 
@@ -31,13 +33,67 @@ class DamagedFrameError(ValueError):
     """An image that cannot be read; the pair is skipped, counted and named."""
 
 
+class Pair(Protocol):
+    """One stereo pair, wherever it lies; stamp of the left image [ns]."""
+
+    @property
+    def stamp(self) -> int: ...
+
+    @property
+    def name(self) -> str:
+        """What the pair is called in messages."""
+        ...
+
+    def where(self, right: bool) -> str:
+        """The file of the left or right image, or what tells it from others."""
+        ...
+
+    def load(self) -> StereoPair:
+        """Decode both images.
+
+        Raises DamagedFrameError or StereoError.
+        """
+        ...
+
+
+class RecordedPair(Pair, Protocol):
+    """A pair in a recording."""
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The image files that hold this pair and no other."""
+        ...
+
+    def load_left(self) -> np.ndarray:
+        """Decode the left image. Raises DamagedFrameError."""
+        ...
+
+
 @dataclass(frozen=True)
 class PairFiles:
-    """Where one pair lies; stamp of the left image in ns."""
+    """A pair in two image files."""
 
     stamp: int
     left: Path
     right: Path
+
+    @property
+    def name(self) -> str:
+        """The left file's, without its ending."""
+        return self.left.stem
+
+    def where(self, right: bool) -> str:
+        """The file."""
+        return str(self.right if right else self.left)
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """Left, right."""
+        return self.left, self.right
+
+    def load_left(self) -> np.ndarray:
+        """The left image."""
+        return read_image(self.left)
 
     def load(self) -> StereoPair:
         """Decode both images.
@@ -49,6 +105,42 @@ class PairFiles:
         return StereoPair(self.stamp, read_image(self.left), read_image(self.right))
 
 
+@dataclass(frozen=True)
+class HalvedPair:
+    """A pair side by side in one image file."""
+
+    stamp: int
+    file: Path
+
+    @property
+    def name(self) -> str:
+        """The file's, without its ending."""
+        return self.file.stem
+
+    def where(self, right: bool) -> str:
+        """The file and the half."""
+        return f"{self.file} ({'right' if right else 'left'} half)"
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The one file."""
+        return (self.file,)
+
+    def load_left(self) -> np.ndarray:
+        """The left half."""
+        return self.load().left
+
+    def load(self) -> StereoPair:
+        """Decode and split the image.
+
+        Raises DamagedFrameError naming the file.
+        """
+        from stereo.camera import halves
+        from stereo.pair import StereoPair
+
+        return StereoPair(self.stamp, *halves(read_image(self.file)))
+
+
 @dataclass
 class Recording:
     """A recording opened: lists and small tables, no images.
@@ -58,7 +150,7 @@ class Recording:
 
     path: Path
     kind: str
-    pairs: list[PairFiles]
+    pairs: Sequence[RecordedPair]
     rig: StereoRig | None = None
     rig_source: str = ""
     ticks: TickLog | None = None
@@ -77,19 +169,15 @@ class Recording:
 def read_image(path: Path) -> np.ndarray:
     """Decode an image: uint8 (H, W), or (H, W, 3) BGR when it is in colour.
 
-    Raises DamagedFrameError when the file is missing, cut short or no image. OpenCV itself
-    returns a half-grey picture for a file that is cut short.
+    Raises DamagedFrameError when the file is missing, cut short or no image.
     """
-    import cv2
-
     try:
         data = path.read_bytes()
     except OSError as error:
         raise DamagedFrameError(f"{path}: {error.strerror or error}") from None
-    cut = _is_cut_short(data[:8], data[-TAIL:])
-    image = None if cut or not data else _decode(cv2, data)
-    if image is None:
-        raise DamagedFrameError(f"{path}: {'cut short' if cut else 'not a readable image'}")
+    image = decode_image(data)
+    if isinstance(image, str):
+        raise DamagedFrameError(f"{path}: {image}")
     return image
 
 
@@ -99,22 +187,9 @@ def looks_damaged(path: Path) -> bool:
         with path.open("rb") as file:
             head = file.read(8)
             file.seek(max(0, path.stat().st_size - TAIL))
-            return not head or _is_cut_short(head, file.read())
+            return not head or is_cut_short(head, file.read())
     except OSError:
         return True
-
-
-def _is_cut_short(head: bytes, tail: bytes) -> bool:
-    return (head.startswith(b"\x89PNG") and b"IEND" not in tail) or (
-        head.startswith(b"\xff\xd8") and b"\xff\xd9" not in tail
-    )
-
-
-def _decode(cv2, data: bytes) -> np.ndarray | None:
-    try:
-        return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR)
-    except cv2.error:
-        return None
 
 
 def match_pairs(
@@ -163,11 +238,11 @@ def counted(names: list[str]) -> str:
     return f"{len(names)} ({', '.join(names[:3])}{more})"
 
 
-def image_size(pairs: list[PairFiles]) -> tuple[int, int] | None:
+def image_size(pairs: Sequence[RecordedPair]) -> tuple[int, int] | None:
     """(width, height) of the first left image that can be read."""
     for pair in pairs:
         try:
-            height, width = read_image(pair.left).shape[:2]
+            height, width = pair.load_left().shape[:2]
         except DamagedFrameError:
             continue
         return width, height

@@ -12,6 +12,8 @@ from typing import Any, overload
 import msgspec
 import numpy as np
 
+from odometry.encoders import EncoderParameters
+from odometry.tick_log import TickLog
 from pipeline.recordings.laser import Beams, LaserSettings, maximum_reading, range_scan
 from stereo.scan import RangeScan
 
@@ -51,7 +53,7 @@ class ScanLog:
     each scan (x m, y m, theta rad); readings: n arrays [m] as they stand, with their `beams`;
     origins: (n, 3) of the scanner on the robot. counts: scans, messages by type, and `ODDITIES`;
     skipped: what was passed over, by reason; suggested: stage -> key -> value, what the
-    log says of itself.
+    log says of itself; ticks, encoders: of logs that hold raw counters instead of odometry.
     """
 
     path: Path
@@ -64,6 +66,8 @@ class ScanLog:
     counts: Counter[str] = field(default_factory=Counter)
     skipped: dict[str, list[str]] = field(default_factory=dict)
     suggested: dict[str, dict[str, Any]] = field(default_factory=dict)
+    ticks: TickLog | None = None
+    encoders: EncoderParameters | None = None
 
     def __len__(self) -> int:
         return len(self.stamps)

@@ -1,0 +1,133 @@
+"""`beemap live`: map while the robot drives."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import click
+import msgspec
+
+
+@click.command("live")
+@click.argument("rig_file", metavar="RIG", type=click.Path(path_type=Path))
+@click.option(
+    "-o", "--output", type=click.Path(path_type=Path), required=True, help="Result folder."
+)
+@click.option(
+    "--record",
+    "recording",
+    type=click.Path(path_type=Path),
+    metavar="REC",
+    help="Folder of the recording.  [default: recording in the result folder]",
+)
+@click.option(
+    "--continue",
+    "known_map",
+    type=click.Path(path_type=Path),
+    metavar="MAP",
+    help="Begin in a map made before: a result folder, map.npz or map.yaml.",
+)
+@click.option("--pose", metavar="X,Y,DEG", help="Where in it; else it is searched.")
+@click.option("--poses", metavar="FILE|-", help="Pose after every pair, new maps: JSON lines.")
+@click.option("--settings", "settings_file", type=click.Path(path_type=Path), help="YAML settings.")
+@click.option("--set", "overrides", multiple=True, metavar="STAGE.KEY=VALUE", help="One setting.")
+@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True)
+@click.option("--threads", type=click.IntRange(min=1), help="Default: all cores.")
+@click.option(
+    "--duration", type=click.FloatRange(min=0, min_open=True), help="Seconds; else until Ctrl-C."
+)
+@click.option("--force", is_flag=True, help="Replace an existing result folder.")
+@click.option("--quiet", is_flag=True, help="No status line, no summary.")
+def live_command(
+    rig_file: Path,
+    output: Path,
+    recording: Path | None,
+    known_map: Path | None,
+    pose: str | None,
+    poses: str | None,
+    settings_file: Path | None,
+    overrides: tuple[str, ...],
+    seed: int,
+    threads: int | None,
+    duration: float | None,
+    force: bool,
+    quiet: bool,
+) -> None:
+    """Map with the devices that RIG names, until Ctrl-C; everything is recorded, too.
+
+    Map and path are saved whenever the map has grown (map.yaml, map.npz, trajectory.tum, each
+    replaced whole) and at the end, with all that `beemap map` writes. It listens nowhere, and
+    speaks to nobody but the devices of the rig.
+
+    \b
+    beemap simulate rig --preset office             (in another terminal)
+    beemap live virtual-rig/rig.yaml -o run --poses -
+    """
+    from pipeline.checkpoint import Checkpoint
+    from pipeline.commands.libraries import use_threads
+    from pipeline.commands.live_screen import Screen, until_interrupted
+    from pipeline.commands.record import check_new
+    from pipeline.live.devices import load_live_rig
+    from pipeline.live.events import EventLines
+    from pipeline.live.live_run import LiveOptions, begin_output, live_run
+    from pipeline.map_request import MapRequest, parse_begin
+    from pipeline.settings import load_settings
+
+    rig = load_live_rig(rig_file)
+    rig.source.calibrated()
+    rig.wheels()
+    settings = load_settings(settings_file, overrides)
+    begin = parse_begin(known_map, pose)
+    known_grid = None if begin is None else begin.known()
+    if recording is not None:
+        check_new(recording)
+    use_threads(threads or os.cpu_count() or 1)
+    place = recording or output / "recording"
+    facts = {"input": str(rig_file), "format": "live", "motion": "encoders", "seed": seed}
+    facts["recording"] = str(place)
+    lines = EventLines(poses) if poses else None
+    screen = Screen(quiet)
+    try:
+        begin_output(output, force, facts)
+        # What mapping the recording offline would be asked for: `map --resume` goes on with that.
+        asked = MapRequest(str(place), motion="encoders", seed=seed, begin=begin)
+        asked = asked.complete(settings)
+        known = Checkpoint.start(output / "checkpoint", msgspec.to_builtins(asked))
+        with until_interrupted() as stop:
+            options = LiveOptions(settings, seed, duration, stop, known, facts, known_grid)
+            sinks = {"on_pose": lines, "on_map": lines} if lines else {}
+            summary = live_run(
+                rig, output, place, options, **sinks, tell=screen.tell, on_status=screen.status
+            )
+        known.discard()
+    finally:
+        screen.end()
+        if lines is not None:
+            lines.close()
+    if not quiet:
+        _tell(output, place, summary)
+
+
+def _tell(output: Path, place: Path, summary: dict[str, Any]) -> None:
+    from pipeline.commands.record import summarise
+
+    poses, maps = summary["pair_to_pose_s"], summary["map_to_file_s"]
+    counts = summary["counts"]
+    click.echo(
+        f"{counts.get('pairs used', 0)} pairs mapped, {summary['pairs_skipped']} skipped, "
+        f"{counts.get('observations', 0)} observations, {summary['local_maps']} local maps, "
+        f"{summary['path_m']:.1f} m of path, {summary['known_m2']:.1f} m2",
+        err=True,
+    )
+    if poses and maps:
+        click.echo(
+            f"95 % of the poses within {1000 * poses['p95']:.0f} ms of the image, of the maps "
+            f"saved within {1000 * maps['p95']:.0f} ms",
+            err=True,
+        )
+    summarise(summary)
+    for line in summary["health"]:
+        click.echo(f"health: {line}", err=True)
+    click.echo(f"results: {output}{os.sep}; recording: {place}", err=True)

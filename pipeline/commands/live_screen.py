@@ -1,0 +1,70 @@
+"""What `live` and `record` share on the screen: the status line, Ctrl-C, notes."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    from pipeline.live.status import Status
+
+# Without a terminal the line is printed each so many times.
+SELDOM = 10
+
+
+class Screen:
+    """One line that is written over on a terminal; notes above it. All on standard error."""
+
+    def __init__(self, quiet: bool) -> None:
+        self._quiet = quiet
+        self._terminal = sys.stderr.isatty()
+        self._count = 0
+        self._lock = threading.Lock()
+
+    def status(self, status: Status) -> None:
+        """Show the status line."""
+        if self._quiet:
+            return
+        with self._lock:
+            self._count += 1
+            if self._terminal:
+                click.echo(f"\r\x1b[K{status.line()}", err=True, nl=False)
+            elif self._count % SELDOM == 1:
+                click.echo(status.line(), err=True)
+
+    def tell(self, text: str) -> None:
+        """Say what happened."""
+        if self._quiet:
+            return
+        with self._lock:
+            click.echo(("\r\x1b[K" if self._terminal else "") + f"note: {text}", err=True)
+
+    def end(self) -> None:
+        """Leave the status line."""
+        if self._terminal and self._count and not self._quiet:
+            click.echo("", err=True)
+
+
+@contextmanager
+def until_interrupted() -> Iterator[threading.Event]:
+    """An event that the first Ctrl-C (or SIGTERM) sets; a second one breaks the run."""
+    stop = threading.Event()
+
+    def on_signal(signum: int, frame: Any) -> None:
+        if stop.is_set():
+            raise KeyboardInterrupt
+        stop.set()
+
+    signals = (signal.SIGINT, signal.SIGTERM)
+    previous = [signal.signal(number, on_signal) for number in signals]
+    try:
+        yield stop
+    finally:
+        for number, handler in zip(signals, previous, strict=True):
+            signal.signal(number, handler)

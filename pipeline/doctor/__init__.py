@@ -1,0 +1,1 @@
+"""What `beemap doctor` looks at, one file a subject."""

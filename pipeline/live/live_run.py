@@ -1,0 +1,203 @@
+"""A live run: capture, recording, mapping and saving, each in a thread of its own.
+
+    run = live_run(load_live_rig(path), output, settings, on_pose=drive, on_map=plan, stop=event)
+
+Policy. Recording never waits for mapping. Mapping that is late skips the oldest waiting pair, and
+counts it. A disk that is late loses pairs, for the map too, and counts them: the recording holds
+all that the map was made from, so that mapping it offline gives the same map when no pair was
+skipped.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mapping.known_map import KnownMap
+from odometry.live import LiveOdometry
+from pipeline.checkpoint import NOTHING, Observations
+from pipeline.errors import InputError
+from pipeline.folders import check_target, replace_files
+from pipeline.live.capture import Session, capture
+from pipeline.live.devices import LiveRig
+from pipeline.live.events import OnMap, OnPose
+from pipeline.live.map_saver import MapSaver
+from pipeline.live.mapping_thread import LiveMapper
+from pipeline.live.status import Status
+from pipeline.live.warm_up import warm_up
+from pipeline.results import write_results
+from pipeline.rig import NO_MOUNT
+from pipeline.run import MapRun
+from pipeline.settings import Settings
+
+STATUS_EVERY = 1.0  # s
+TICK = 0.05  # s between looks at what the threads do
+
+
+@dataclass
+class LiveOptions:
+    """settings, seed: as of `map`; duration: ends by itself after so many seconds; stop: ends it
+    when set; known: where observations are kept for `--resume`; facts: for run.json; begin: a map
+    to go on in."""
+
+    settings: Settings
+    seed: int = 1
+    duration: float | None = None
+    stop: threading.Event = field(default_factory=threading.Event)
+    known: Observations = NOTHING
+    facts: dict[str, Any] = field(default_factory=dict)
+    begin: KnownMap | None = None
+
+
+def _ignore(*_: object) -> None:
+    """For events that nobody wants."""
+
+
+def live_run(
+    rig: LiveRig,
+    output: Path,
+    recording: Path,
+    options: LiveOptions,
+    on_pose: OnPose = _ignore,
+    on_map: OnMap = _ignore,
+    tell: Callable[[str], None] = _ignore,
+    on_status: Callable[[Status], None] = _ignore,
+) -> dict[str, Any]:
+    """Map live into `output`, which exists; record into `recording`. The content of run.json.
+
+    on_pose, on_map: called from the threads that map and save; they must not wait.
+
+    Raises:
+        RigError: not calibrated; CameraError, OdometryError, InputError: devices or folders; the
+        results so far are saved first where there are any.
+    """
+    begin = time.perf_counter()
+    stereo_rig = rig.source.calibrated()
+    _, parameters = rig.wheels()
+    if stereo_rig.mount is None:
+        tell(NO_MOUNT)
+        from calibration.rig import Mount
+
+        stereo_rig = stereo_rig.with_mount(Mount())
+    settings = options.settings
+    warm_up(stereo_rig, settings)
+    with capture(rig, recording, settings.odometry, tell) as session:
+        assert session.tap is not None
+        saver = MapSaver(output, on_map)
+        motion = LiveOdometry(session.tap, parameters, settings.odometry)
+        mapper = LiveMapper(
+            stereo_rig,
+            motion,
+            settings,
+            options.seed,
+            options.known,
+            saver,
+            on_pose,
+            session.note,
+            options.begin,
+        )
+        session.sinks.append(mapper.offer)
+        mapper.start()
+        session.start()
+        try:
+            _watch(session, mapper, options, on_status)
+        finally:
+            session.stop()
+            run = mapper.finish()
+            saver.close()
+    facts = {**options.facts, "odometry": motion.report(), **_counts(session, mapper, saver)}
+    run.seconds["total"] = time.perf_counter() - begin
+    summary = save_results(output, run, settings, facts)
+    error = mapper.error or (InputError(session.recorder.error) if session.recorder.error else None)
+    if error is not None:
+        raise error
+    return summary
+
+
+def _watch(
+    session: Session, mapper: LiveMapper, options: LiveOptions, on_status: Callable[[Status], None]
+) -> None:
+    """Until it is asked to stop, or something ends it."""
+    begin = last = time.monotonic()
+    status = Status(session, mapper)
+    while not options.stop.wait(TICK):
+        now = time.monotonic()
+        if options.duration is not None and now - begin >= options.duration:
+            return
+        if mapper.error is not None or session.recorder.error is not None:
+            return
+        if now - last >= STATUS_EVERY:
+            status.measure(now - last)
+            on_status(status)
+            last = now
+
+
+def _counts(session: Session, mapper: LiveMapper, saver: MapSaver) -> dict[str, Any]:
+    report = session.camera.report()
+    recorder = session.recorder
+    return {
+        "cameras": {**report.counts, "pairs": report.pairs, "lonely": report.lonely},
+        "skew_ms": [round(v, 3) for v in report.skew_ms],
+        "encoders": session.encoders.report() if session.encoders else {},
+        "recorded": {**recorder.counts, "slowest_sync_s": round(recorder.slowest_sync, 3)},
+        "pairs_skipped": mapper.skipped,
+        "pair_to_pose_s": _spread(mapper.latencies),
+        "map_to_file_s": _spread(saver.latencies),
+    }
+
+
+def _spread(seconds: list[float]) -> dict[str, float]:
+    """Median, 95 % and the most."""
+    if not seconds:
+        return {}
+    middle, most = np.quantile(seconds, [0.5, 0.95]).tolist()
+    return {"median": round(middle, 4), "p95": round(most, 4), "most": round(max(seconds), 4)}
+
+
+def save_results(
+    output: Path, run: MapRun, settings: Settings, facts: dict[str, Any]
+) -> dict[str, Any]:
+    """All result files, each in place of an earlier one, run.json last.
+
+    Raises InputError when they cannot be written: the last saved map is still there.
+    """
+    partial = output / ".saving"
+    shutil.rmtree(partial, ignore_errors=True)
+    try:
+        partial.mkdir()
+        summary = write_results(partial, run, settings, None, facts)
+        replace_files(partial, output, "run.json")
+    except OSError as error:
+        raise InputError(
+            f"{output}: the results cannot be written ({error.strerror or error}): the map saved "
+            "last is still there"
+        ) from None
+    return summary
+
+
+def begin_output(output: Path, force: bool, asked: dict[str, Any]) -> None:
+    """An empty result folder with a run.json that says that the run is going on.
+
+    Raises:
+        InputError: as `check_target`, or it cannot be made.
+    """
+    check_target(output, force)
+    try:
+        if output.is_dir() and any(output.iterdir()):
+            old = output.with_name(f".{output.name}.old-{os.getpid()}")
+            os.rename(output, old)
+            shutil.rmtree(old)
+        output.mkdir(parents=True, exist_ok=True)
+        text = json.dumps({**asked, "partial": True, "live": True}, indent=2)
+        (output / "run.json").write_text(text + "\n", encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{output}: cannot be written ({error.strerror})") from None

@@ -1,0 +1,156 @@
+"""LiveMapper: a thread that maps the pairs as they come, and skips some when it is too slow."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+
+from calibration.rig import StereoRig
+from mapping.known_map import KnownMap
+from mapping.mapper import HierarchicalMapper
+from odometry.source import MotionSource
+from pipeline.checkpoint import Observations
+from pipeline.errors import InputError
+from pipeline.frontend import observe
+from pipeline.live.events import OnPose, PoseEvent
+from pipeline.live.map_saver import MapSaver, Snapshot, path_of
+from pipeline.run import MapRun, Step, Stepper, make_ranger, take
+from pipeline.settings import Settings
+from stereo.camera import CapturedPair
+from stereo.errors import StereoError
+
+# Pairs that wait; when one more comes the oldest is skipped: a late pose is of little use.
+WAITING = 32
+LOOKS = 3  # pairs looked at for exchanged cameras
+
+Tell = Callable[[str], None]
+
+
+class LiveMapper:
+    """Maps pairs in a thread of its own.
+
+    run: as of a recording. skipped: pairs given up because mapping was late. error: what ended it.
+    latencies: from an image to its pose [s].
+    """
+
+    def __init__(
+        self,
+        rig: StereoRig,
+        motion: MotionSource,
+        settings: Settings,
+        seed: int,
+        known: Observations,
+        saver: MapSaver,
+        on_pose: OnPose,
+        tell: Tell,
+        begin: KnownMap | None = None,
+    ) -> None:
+        self.mapper = HierarchicalMapper(settings.mapping, seed, begin)
+        self.run = MapRun(self.mapper)
+        self.skipped = 0
+        self.error: Exception | None = None
+        self.latencies: list[float] = []
+        self._rig = rig
+        self._ranger = make_ranger(rig, settings)
+        self._motion = motion
+        self._stepper = Stepper(self.mapper.gate)
+        self._known = known
+        self._saver = saver
+        self._on_pose = on_pose
+        self._tell = tell
+        self._looks: list[bool] = []
+        self._pairs: deque[CapturedPair] = deque()
+        self._news = threading.Condition()
+        self._ended = False
+        self._thread = threading.Thread(target=self._loop, name="mapping", daemon=True)
+
+    def start(self) -> None:
+        """Begin to map."""
+        self._thread.start()
+
+    def offer(self, pair: CapturedPair) -> None:
+        """Take a pair; never waits."""
+        with self._news:
+            self._pairs.append(pair)
+            late = self._pairs.popleft() if len(self._pairs) > WAITING else None
+            self._news.notify_all()
+        if late is not None:
+            self.skipped += 1
+            self._tell(f"mapping is late: pair {late.name} skipped")
+
+    @property
+    def backlog(self) -> int:
+        """Pairs that wait to be mapped."""
+        return len(self._pairs)
+
+    def finish(self) -> MapRun:
+        """Map what is waiting, end the thread and finish the map."""
+        with self._news:
+            self._ended = True
+            self._news.notify_all()
+        self._thread.join()
+        begin = time.perf_counter()
+        self.mapper.finish()
+        self.run.seconds["mapping"] += time.perf_counter() - begin
+        return self.run
+
+    def _loop(self) -> None:
+        try:
+            while True:
+                with self._news:
+                    self._news.wait_for(lambda: self._pairs or self._ended)
+                    if not self._pairs:
+                        return
+                    pair = self._pairs.popleft()
+                self._map(pair)
+        except Exception as error:
+            self.error = error
+
+    def _map(self, pair: CapturedPair) -> None:
+        local_maps = len(self.mapper.filter.health)
+        step = self._stepper.step(pair, self._motion.until(pair.stamp))
+        seen = None
+        if step.due:
+            self._check(step, pair)
+            seen = observe(pair, self._ranger, step.key_frame)
+            self._known.add(pair.stamp, seen)
+        begin = time.perf_counter()
+        take(step, seen, self.run)
+        self.run.seconds["mapping"] += time.perf_counter() - begin
+        if step.motion is None:
+            return
+        latency = (time.monotonic_ns() - pair.stamp) / 1e9
+        self.latencies.append(latency)
+        self._on_pose(PoseEvent(pair.stamp, self.mapper.pose, latency, step.due))
+        if len(self.mapper.filter.health) > local_maps:
+            self._save()
+
+    def _save(self) -> None:
+        closed = time.monotonic()
+        path = path_of(self.mapper.stamps, self.mapper.path())
+        maps = len(self.mapper.filter.health)
+        self._saver.offer(Snapshot(self.mapper.grid(), path, maps, closed))
+
+    def _check(self, step: Step, pair: CapturedPair) -> None:
+        """Refuse images that the rig does not fit, or that are exchanged, at the first looks."""
+        if len(self._looks) >= LOOKS:
+            return
+        try:
+            loaded = pair.load()
+        except StereoError:
+            return  # damaged: counted when it is observed
+        height, width = loaded.left.shape[:2]
+        if (width, height) != tuple(self._rig.image_size):
+            raise InputError(
+                f"the cameras send images of {width}x{height}, the rig is calibrated for "
+                f"{self._rig.image_size[0]}x{self._rig.image_size[1]}: set devices.size, or "
+                "calibrate at this size"
+            )
+        self._looks.append(self._ranger.looks_swapped(loaded))
+        if len(self._looks) == LOOKS and 2 * sum(self._looks) > LOOKS:
+            raise InputError(
+                "left and right images are exchanged (the disparities are negative): exchange "
+                "left and right under devices"
+            )

@@ -1,0 +1,196 @@
+"""MapRequest: all that decides the result of `beemap map`, as it is kept in a checkpoint."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from importlib.metadata import version
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from calibration.yamlfile import YamlFileError, parse_yaml
+from mapping.known_map import KnownMap
+from pipeline.checkpoint import Checkpoint
+from pipeline.errors import InputError
+from pipeline.job import Job, log_job, recording_job
+from pipeline.map_files import read_map
+from pipeline.recordings import open_input
+from pipeline.recordings.base import Recording
+from pipeline.recordings.scan_log import ScanLog
+from pipeline.recordings.tick_table import read_tick_table
+from pipeline.settings import Settings, as_yaml, check, load_settings
+
+VERSIONS_OF = ("beemap", "numpy", "opencv-contrib-python-headless")
+
+
+class Ticks(msgspec.Struct, frozen=True):
+    """`--ticks FILE` and what describes it; offset in seconds."""
+
+    file: str
+    columns: str
+    unit: str | None = None
+    offset: float = 0.0
+
+
+class Begin(msgspec.Struct, frozen=True):
+    """`--continue MAP`, and where in it: x m, y m, theta rad; None: to be searched."""
+
+    map: str
+    pose: tuple[float, float, float] | None = None
+
+    def known(self) -> KnownMap:
+        """The map, read. Raises InputError."""
+        pose = None if self.pose is None else np.array(self.pose)
+        return KnownMap(read_map(self.map), pose)
+
+
+def parse_begin(file: Path | None, pose: str | None) -> Begin | None:
+    """The options `--continue` and `--pose x,y,deg`.
+
+    Raises:
+        InputError: a pose without a map, or none.
+    """
+    if file is None:
+        if pose is not None:
+            raise InputError("--pose: belongs to --continue MAP")
+        return None
+    if pose is None:
+        return Begin(str(file))
+    try:
+        x, y, degrees = (float(part) for part in pose.split(","))
+        if not np.isfinite([x, y, degrees]).all():
+            raise ValueError
+    except ValueError:
+        raise InputError(f"--pose {pose}: write x,y,deg in metres and degrees: 1.5,0,90") from None
+    return Begin(str(file), (x, y, math.radians(degrees)))
+
+
+class MapRequest(msgspec.Struct, frozen=True):
+    """settings: as YAML, complete; None before the input was opened. digests: of the files beside
+    the input; versions: of what computes the observations."""
+
+    input: str
+    rig: str | None = None
+    motion: str | None = None
+    fps: float | None = None
+    seed: int = 1
+    ticks: Ticks | None = None
+    begin: Begin | None = None
+    settings: str | None = None
+    digests: dict[str, str] = msgspec.field(default_factory=dict)
+    versions: dict[str, str] = msgspec.field(default_factory=dict)
+
+    def prepare(
+        self, settings_file: Path | None, overrides: tuple[str, ...], threads: int
+    ) -> tuple[Job, Settings]:
+        """Open the input; the job with its settings, which are the stored ones where there are.
+
+        Raises:
+            InputError and the stages' own errors: naming what is missing or wrong.
+        """
+        path, rig = Path(self.input), Path(self.rig) if self.rig else None
+        if path.is_file():
+            self._refuse_for_logs(path)
+        opened = open_input(path, self.fps)
+        if self.ticks is not None and isinstance(opened, Recording):
+            opened.ticks = read_tick_table(
+                Path(self.ticks.file), self.ticks.columns, self.ticks.unit, self.ticks.offset
+            )
+        suggested = opened.fitting if isinstance(opened, ScanLog) else None
+        if self.settings is None:
+            settings = load_settings(settings_file, overrides, suggested)
+        else:
+            settings = _stored(self.settings)
+        begin = None if self.begin is None else self.begin.known()
+        if isinstance(opened, ScanLog):
+            return log_job(opened, settings, self.seed, begin), settings
+        job = recording_job(opened, rig, self.motion, settings, self.seed, threads, begin)
+        return job, settings
+
+    def complete(self, settings: Settings) -> MapRequest:
+        """With all that a resumed run must find unchanged."""
+        return msgspec.structs.replace(
+            self,
+            input=str(Path(self.input).resolve()),
+            rig=None if self.rig is None else str(Path(self.rig).resolve()),
+            settings=as_yaml(settings),
+            digests={file: _digest(file) for file in self._files},
+            versions={name: version(name) for name in VERSIONS_OF},
+        )
+
+    def check_unchanged(self, where: Path) -> None:
+        """Raise InputError where going on would mix what does not belong together."""
+        for file, digest in self.digests.items():
+            if _digest(file) != digest:
+                raise InputError(f"{where}: {file} was changed since: map afresh")
+        now = {name: version(name) for name in self.versions}
+        if now != self.versions:
+            raise InputError(f"{where}: made by other versions of beemap or OpenCV: map afresh")
+
+    @property
+    def _files(self) -> list[str]:
+        """Files beside the input that decide the result."""
+        files = [self.rig, self.ticks.file if self.ticks else None]
+        files.append(self.begin.map if self.begin else None)
+        return [str(_content(Path(file))) for file in files if file is not None]
+
+    def _refuse_for_logs(self, path: Path) -> None:
+        from pipeline.recordings.video import is_video
+
+        if is_video(path):
+            return
+        given = {"--rig": self.rig, "--motion": self.motion, "--fps": self.fps}
+        for option, value in {**given, "--ticks": self.ticks}.items():
+            if value is not None:
+                raise InputError(
+                    f"{path}: is a scan log, which holds its own odometry and needs no {option}: "
+                    "leave it out"
+                )
+
+
+def checkpoint_of(output: Path) -> Path:
+    """Where the checkpoint of a run into `output` lies."""
+    place = output.resolve()
+    return place.with_name(f"{place.name}.checkpoint")
+
+
+def resumed(output: Path) -> tuple[Checkpoint, MapRequest]:
+    """The checkpoint of a run of `map` or `live` into `output` that was cut off.
+
+    Raises:
+        InputError: there is none, or what it belongs to was changed.
+    """
+    inside = output / "checkpoint"
+    path = inside if inside.is_file() else checkpoint_of(output)
+    checkpoint = Checkpoint.resume(path)
+    try:
+        request = msgspec.convert(checkpoint.asked, MapRequest)
+        request.check_unchanged(path)
+    except msgspec.ValidationError as error:
+        checkpoint.close()
+        raise InputError(f"{path}: not a checkpoint of a run ({error}): map afresh") from None
+    except BaseException:
+        checkpoint.close()
+        raise
+    return checkpoint, request
+
+
+def _stored(text: str) -> Settings:
+    try:
+        return check(parse_yaml(text, "checkpoint"), "checkpoint")
+    except YamlFileError as error:
+        raise InputError(str(error)) from None
+
+
+def _content(path: Path) -> Path:
+    """Of a result folder, its map."""
+    return (path / "map.npz" if path.is_dir() else path).resolve()
+
+
+def _digest(file: str) -> str:
+    try:
+        return hashlib.sha256(Path(file).read_bytes()).hexdigest()
+    except OSError:
+        return "missing"

@@ -1,0 +1,142 @@
+"""VisualOdometry: pair after pair, where the robot stands in its frame at the last key frame.
+
+Poses refer to a key frame, not to the pair before: a robot that stands still, however long, does
+not drift. A pair becomes the next key frame when too few points of the last one are left.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from stereo.pose import Pose, View, find_pose
+from stereo.tracking import KeyFrame, Pyramids
+
+# A key frame with fewer points does not carry, and fewer points that agree are no pose.
+LEAST_POINTS = 20
+LEAST_INLIERS = 12
+LEAST_SHARE = 0.3  # of the points found again
+# A key frame is renewed when fewer than this share of its points agree; when hardly any do, the
+# guess may have been wrong, and whole neighbourhoods are compared.
+RENEW = 0.5
+RELOCATE = 0.25
+# Something large that moves by itself must show so many more points than what the guess explains.
+HEAD_START = 1.5
+
+
+@dataclass(frozen=True)
+class Sighting:
+    """What one pair told.
+
+    pose: in the robot's frame at the key frame followed, None where it is lost;
+    found: points found again; renewed: this pair is the next key frame.
+    """
+
+    pose: Pose | None
+    found: int
+    renewed: bool
+
+    @property
+    def inliers(self) -> int:
+        """Points that agree on the pose."""
+        return 0 if self.pose is None else int(self.pose.inliers.sum())
+
+
+class VisualOdometry:
+    """Follows a camera pair; asked once for every pair, in order."""
+
+    def __init__(self, view: View, seed: int = 0) -> None:
+        self.view = view
+        self._seed = seed
+        self._key: KeyFrame | None = None
+        self._pose = (np.eye(3), np.zeros(3))
+        self._count = 0
+
+    @property
+    def following(self) -> bool:
+        """Whether there is a key frame."""
+        return self._key is not None
+
+    def start(self, pyramids: Pyramids) -> bool:
+        """Make the pair the key frame; false, and nothing changes, when it shows too little."""
+        fresh = KeyFrame(pyramids, self.view)
+        if len(fresh) < LEAST_POINTS:
+            return False
+        self._renew(fresh)
+        return True
+
+    def see(self, pyramids: Pyramids, expected: np.ndarray) -> Sighting:
+        """Where the robot stands now.
+
+        expected: (3,) x m, y m, theta rad that it probably moved since the pair last seen.
+        """
+        assert self._key is not None, "start() comes first"
+        self._count += 1
+        found, pose = self._follow(self._key, pyramids, self._ahead(expected))
+        share = 0.0 if pose is None else np.mean(pose.inliers) * found / len(self._key)
+        if share >= RENEW:
+            return self._seen(pose, found, False)
+        fresh = KeyFrame(pyramids, self.view)
+        if share < RELOCATE:
+            found, pose = max(
+                ((found, pose), self._relocate(self._key, fresh, pyramids)),
+                key=lambda one: 0 if one[1] is None else one[1].inliers.sum(),
+            )
+        if pose is None or pose.inliers.sum() < max(LEAST_INLIERS, LEAST_SHARE * found):
+            return Sighting(None, found, False)
+        renewed = len(fresh) >= LEAST_POINTS
+        sighting = self._seen(pose, found, renewed)
+        if renewed:
+            self._renew(fresh)
+        return sighting
+
+    def _seen(self, pose: Pose | None, found: int, renewed: bool) -> Sighting:
+        assert pose is not None
+        self._pose = (pose.R, pose.t)
+        return Sighting(pose, found, renewed)
+
+    def _renew(self, key: KeyFrame) -> None:
+        self._key = key
+        self._pose = (np.eye(3), np.zeros(3))
+
+    def _ahead(self, motion: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The pose last seen, moved in the robot's plane."""
+        R, t = self._pose
+        c, s = math.cos(motion[2]), math.sin(motion[2])
+        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        return R @ turn, t + R @ np.array([motion[0], motion[1], 0.0])
+
+    def _follow(
+        self, key: KeyFrame, pyramids: Pyramids, guess: tuple[np.ndarray, np.ndarray]
+    ) -> tuple[int, Pose | None]:
+        """How many points are found near where the guess has them, and the pose they give."""
+        before = self.view.project(key.points, np.eye(3), np.zeros(3))
+        after = self.view.project(key.points, *guess)
+        pixels, found = key.find(pyramids, after[:, :3], before[:, 3] / after[:, 3])
+        return int(found.sum()), find_pose(
+            key.points[found],
+            key.rays[found],
+            pixels[found],
+            self.view,
+            guess,
+            (self._seed, self._count, 0),
+            HEAD_START,
+        )
+
+    def _relocate(
+        self, key: KeyFrame, fresh: KeyFrame, pyramids: Pyramids
+    ) -> tuple[int, Pose | None]:
+        i, j = key.alike(fresh)
+        rough = find_pose(
+            key.points[i],
+            key.rays[i],
+            fresh.pixels[j],
+            self.view,
+            self._pose,
+            (self._seed, self._count, 1),
+        )
+        if rough is None:
+            return 0, None
+        return self._follow(key, pyramids, (rough.R, rough.t))
