@@ -28,8 +28,8 @@ from simulation.scene import load_scene
 from simulation.wheels import MINIBEE_ENCODERS, WheelNoise
 
 ROOMS = ("office", "clutter", "corridor")
-METHODS = ("hierarchical", "per-scan")
-SEEDS = range(1, 11)
+# Single scans with their matched proposal take several times as long: fewer seeds.
+SEEDS = {"hierarchical": range(1, 11), "per-scan": range(1, 4)}
 DURATION = 180.0  # s: 60 m of path
 RATE = 2.0
 OPTIONS = ("--duration", f"{DURATION:g}", "--rate", f"{RATE:g}", "--seed", "1")
@@ -47,13 +47,14 @@ def main() -> str:
     rows = []
     for room in ROOMS:
         filmed = rendered(folder, room, OPTIONS).path
-        for method in METHODS:
+        for method in SEEDS:
             rows.append([room, method, *_row(filmed, room, method)])
     return "\n\n".join(
         [
             title,
             markdown_table(HEADER, rows),
-            f"{len(SEEDS)} seeds of the wheels on the same images; default settings. ATE: RMSE "
+            f"{len(SEEDS['hierarchical'])} seeds of the wheels on the same images (per-scan: "
+            f"{len(SEEDS['per-scan'])}); default settings. ATE: RMSE "
             "after SE(2) alignment; lost: worse than 1 m; F1 of obstacle cells within one cell, "
             "mean, against what perfect sensors would see, the map placed by its path; wall: "
             "time of a run, mean. Asked for: hierarchical at most 0.10 m on office and clutter, F1 "
@@ -64,7 +65,7 @@ def main() -> str:
 
 def _row(filmed: Path, room: str, method: str) -> list[str]:
     ates, f1s, seconds, length = [], [], [], 0.0
-    for seed in SEEDS:
+    for seed in SEEDS[method]:
         with tempfile.TemporaryDirectory() as temporary:
             recording, run = Path(temporary) / "recording", Path(temporary) / "run"
             _driven_anew(filmed, recording, PRESETS[room], seed)
