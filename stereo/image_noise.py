@@ -10,13 +10,16 @@ BLOCK = 8  # px
 SMOOTHEST = 0.03
 # Half a grey level in Sobel's operator, which sums four differences over two pixels.
 LEAST = 2.0
+# Noise of 7 grey levels. What shows more in its smoothest blocks is textured everywhere.
+MOST = 24.0
 
 
 def gradient_noise(gradients: np.ndarray, first: np.ndarray, last: np.ndarray) -> float:
     """Root mean square of the gradients (H, W) int16 in the smoothest blocks of an image.
 
     first, last: (H,) first column and one past the last that the camera saw, in every row; the
-    rim outside them shows no noise at all. Never below LEAST: compression leaves such blocks too.
+    rim outside them shows no noise at all. Never below LEAST: compression leaves such blocks too;
+    never above MOST.
     """
     rows, columns = (n // BLOCK for n in gradients.shape)
     if not rows * columns:
@@ -27,4 +30,6 @@ def gradient_noise(gradients: np.ndarray, first: np.ndarray, last: np.ndarray) -
     end = last[: rows * BLOCK].reshape(rows, BLOCK).min(axis=1, keepdims=True)
     left = BLOCK * np.arange(columns)
     seen = means[(left >= begin) & (left + BLOCK <= end)]
-    return max(LEAST, float(np.sqrt(np.quantile(seen, SMOOTHEST)))) if seen.size else LEAST
+    if not seen.size:
+        return LEAST
+    return min(max(LEAST, float(np.sqrt(np.quantile(seen, SMOOTHEST)))), MOST)

@@ -10,10 +10,12 @@ import numpy as np
 
 from calibration.rig import CameraModel, StereoRig
 from stereo.pair import StereoPair
-from tests.stereo_rigs import texture
+from stereo.scan import RangeScan
+from tests.stereo_rigs import BASELINE, F, texture
 
 TEXEL = 0.005  # m
 BACKGROUND = 100.0
+WINDOW = 10  # px
 UP = (0.0, 0.0, 1.0)
 
 
@@ -60,6 +62,13 @@ def see(
         noisy = exact + noise * rng.normal(size=exact.shape)
         images.append(np.clip(np.rint(noisy), 0, 255).astype(np.uint8))
     return StereoPair(0, *images)
+
+
+def well_inside(scan: RangeScan, truth: np.ndarray) -> np.ndarray:
+    """Columns (n,) that lie some way inside both images of `straight_rig`, where a windowful of
+    what is at these ranges can be compared."""
+    u = 159.5 - F * np.tan(scan.bearing)
+    return (u - F * BASELINE / (truth * np.cos(scan.bearing)) > WINDOW) & (u < 319 - WINDOW)
 
 
 def _image(

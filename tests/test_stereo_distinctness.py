@@ -21,7 +21,7 @@ from stereo.distinctness import (
     TILT,
     margins,
 )
-from stereo.image_noise import BLOCK, SMOOTHEST, gradient_noise
+from stereo.image_noise import BLOCK, MOST, SMOOTHEST, gradient_noise
 from stereo.image_noise import LEAST as LEAST_NOISE
 from tests.stereo_rigs import texture
 
@@ -192,7 +192,8 @@ def noise_twin(gradients: np.ndarray, first: np.ndarray, last: np.ndarray) -> fl
         for u in range(0, gradients.shape[1] - BLOCK + 1, BLOCK)
         if u >= first[v : v + BLOCK].max() and u + BLOCK <= last[v : v + BLOCK].min()
     ]
-    return max(LEAST_NOISE, np.sqrt(np.quantile(blocks, SMOOTHEST))) if blocks else LEAST_NOISE
+    rms = np.sqrt(np.quantile(blocks, SMOOTHEST)) if blocks else 0.0
+    return float(np.clip(rms, LEAST_NOISE, MOST))
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(0, 50), st.integers(0, 50), st.integers(1, 200))

@@ -11,17 +11,16 @@ from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
-from calibration.rig import Mount
+from calibration.rig import Mount, minibee
 from stereo.pair import StereoPair
 from stereo.ranger import StereoRanger
 from stereo.scan import RangeScan
 from tests.stereo_rigs import BASELINE, F, straight_rig, texture, wall_pair
-from tests.stereo_scenes import UP, Sheet, facing, see
+from tests.stereo_scenes import UP, Sheet, facing, see, well_inside
 
 RIG = straight_rig()
 RANGER = StereoRanger(RIG)
 NOISE = 1.0  # grey levels
-WINDOW = 10  # px
 MOUNTS = [
     Mount(height=0.6, pitch=math.radians(10.0)),
     Mount(height=0.6, roll=math.radians(8.0)),
@@ -53,12 +52,6 @@ def off(scan: RangeScan, truth: np.ndarray) -> np.ndarray:
 def shared(scan: RangeScan, x: float) -> np.ndarray:
     """Columns (n,) in which both cameras see what is `x` ahead."""
     return scan.bearing < math.atan2(159.5 - F * BASELINE / x, F)
-
-
-def well_inside(scan: RangeScan, truth: np.ndarray) -> np.ndarray:
-    """Columns (n,) that lie some way inside both images, for a windowful to be compared."""
-    u = 159.5 - F * np.tan(scan.bearing)
-    return (u - F * BASELINE / (truth * np.cos(scan.bearing)) > WINDOW) & (u < 319 - WINDOW)
 
 
 def test_walls_at_all_distances_and_angles_keep_their_sigma():
@@ -96,6 +89,23 @@ def test_a_box_before_a_wall(height):
     assert off(scan, truth).max() < 4.0
     assert np.isfinite(scan.range[inside]).mean() > 0.8
     assert np.isfinite(scan.range[~inside]).mean() > 0.8
+
+
+@pytest.mark.parametrize("width", [0.04, 0.06, 0.10])
+def test_a_post_before_a_textured_wall_is_seen_though_nothing_in_view_is_blank(width):
+    rig = minibee()
+    assert rig.mount is not None
+    ranger = StereoRanger(rig)
+    x, wall = 1.3 + rig.mount.x, 3.0 + rig.mount.x
+    for seed in range(3):
+        y = -0.3 + 0.3 * seed
+        post = facing(x, (y - width / 2, y + width / 2), (0.0, 1.5), seed=20 + seed)
+        scan = ranger(see(rig, [facing(wall, seed=seed), post], NOISE, seed))
+        at = 1.3 * np.tan(scan.bearing) + rig.mount.y
+        columns = np.abs(at - y) < width / 2
+        truth = 1.3 / np.cos(scan.bearing)
+        assert not (scan.range > 1.1 * truth)[columns].any()
+        assert (np.abs(scan.range - truth) < 0.05)[columns].mean() > 0.9
 
 
 @pytest.mark.parametrize(("low", "high"), [(1.2, 2.5), (2.5, 1.2)])
