@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -31,6 +32,12 @@ class Sheet:
     grey: np.ndarray
 
 
+@lru_cache(maxsize=64)
+def grain(seed: int) -> np.ndarray:
+    """Texture of 2 x 4 m."""
+    return texture((400, 800), seed)
+
+
 def facing(
     x: float,
     y: tuple[float, float] = (-8.0, 8.0),
@@ -39,7 +46,7 @@ def facing(
     seed: int = 0,
 ) -> Sheet:
     """A rectangle that faces the robot `x` ahead of it, textured unless told otherwise."""
-    grey = texture((800, 1600), seed) if grey is None else grey
+    grey = grain(seed) if grey is None else grey
     return Sheet((x, y[0], z[0]), (0.0, 1.0, 0.0), UP, (y[1] - y[0], z[1] - z[0]), grey)
 
 
@@ -89,14 +96,13 @@ def _image(
             a, b = hit @ along, hit @ up
             width, height = sheet.size
             here = (t > 0) & (t < nearest) & (a >= 0) & (a < width) & (b >= 0) & (b < height)
-        h, w = sheet.grey.shape
-        wrapped = np.pad(sheet.grey, ((0, 2), (0, 2)), mode="wrap").astype(np.float32)
-        at = (np.stack([a[here] / TEXEL % w, b[here] / TEXEL % h], axis=1)).astype(np.float32)
-        image[here] = _sampled(wrapped, at)
+        at = np.stack([a[here], b[here]], axis=1) / TEXEL % sheet.grey.shape[::-1]
+        image[here] = _sampled(sheet.grey, at)
         nearest[here] = t[here]
     return image.reshape(shape)
 
 
+@lru_cache(maxsize=8)
 def _rays(camera: CameraModel, shape: tuple[int, ...]) -> np.ndarray:
     """(H W, 3) directions of unit depth in the camera's frame."""
     v, u = np.indices(shape).astype(np.float64)
@@ -109,13 +115,10 @@ def _rays(camera: CameraModel, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def _sampled(grey: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Grey levels (n,) between the texels at columns and rows (n, 2)."""
-    whole = np.floor(at).astype(int)
-    u, v = whole.T
-    s, t = (at - whole).T
-    return (
-        (1 - s) * (1 - t) * grey[v, u]
-        + s * (1 - t) * grey[v, u + 1]
-        + (1 - s) * t * grey[v + 1, u]
-        + s * t * grey[v + 1, u + 1]
-    )
+    """Grey levels (n,) between the texels at columns and rows (n, 2), which wrap around."""
+    h, w = grey.shape
+    u, v = np.floor(at).astype(np.int32).T
+    s, t = at.T - (u, v)
+    u, v, right, below = u % w, v % h, (u + 1) % w, (v + 1) % h
+    upper = (1 - s) * grey[v, u] + s * grey[v, right]
+    return (1 - t) * upper + t * ((1 - s) * grey[below, u] + s * grey[below, right])
