@@ -25,7 +25,7 @@ class StereoSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         _meta("OpenCV's matcher: semi-global in 3, 5, 8 or 4 directions, or plain blocks", ""),
     ] = "3way"
     rows_joined: Annotated[
-        Annotated[int, msgspec.Meta(ge=1, le=4)] | None,
+        Annotated[int, msgspec.Meta(ge=1, le=2)] | None,
         _meta(
             "image rows averaged into one before matching: half the time and fewer false matches; "
             "null: 2 where the image is fine enough",
