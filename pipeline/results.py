@@ -21,7 +21,7 @@ import numpy as np
 from mapping.clouds import VOXEL, map_points, write_ply
 from mapping.grid import OccupancyGrid
 from odometry.motion import compose
-from pipeline.health import health_lines, image_lines
+from pipeline.health.run_health import RunHealth
 from pipeline.map_files import write_map_server, write_npz
 from pipeline.picture import draw_map
 from pipeline.run import KeyFrame, MapRun
@@ -77,7 +77,8 @@ def write_results(
         _write_cloud(folder / "cloud.ply", *_world_points(run.key_frames, path), voxel=VOXEL)
     (folder / "health.csv").write_text(_health(run), encoding="ascii")
     (folder / "settings.yaml").write_text(as_yaml(settings), encoding="utf-8")
-    summary = _summary(run, grid, path, facts)
+    health = RunHealth.of(run, path, facts)
+    summary = _summary(run, grid, path, facts, health)
     (folder / "run.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
     return summary
 
@@ -139,14 +140,14 @@ def _health(run: MapRun) -> str:
 
 
 def _summary(
-    run: MapRun, grid: OccupancyGrid, path: np.ndarray, facts: dict[str, Any]
+    run: MapRun, grid: OccupancyGrid, path: np.ndarray, facts: dict[str, Any], health: RunHealth
 ) -> dict[str, Any]:
     known = ~np.isnan(grid.probability)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    sight = "columns" if run.unit == "pairs" else "beams"
     return {
         **facts,
         "partial": run.partial,
+        "verdict": {"word": health.verdict.word, "why": health.verdict.why},
         "counts": dict(run.counts),
         "skipped": run.skipped,
         "local_maps": len(run.mapper.filter.health),
@@ -155,16 +156,7 @@ def _summary(
         "seconds": {stage: round(seconds, 3) for stage, seconds in run.seconds.items()},
         # ru_maxrss counts kilobytes on Linux, bytes on macOS.
         "peak_memory_mb": round(peak / (1e6 if sys.platform == "darwin" else 1e3), 1),
-        "health": [
-            *health_lines(
-                run.mapper,
-                sight,
-                encoders=facts.get("motion") == "encoders",
-                images=facts.get("motion") in ("visual", "fused"),
-            ),
-            *run.told,
-            *image_lines(run.skipped, run.brightness),
-        ],
+        "health": health.lines,
         "versions": {name: version(name) for name in VERSIONS_OF},
         "python": platform.python_version(),
     }

@@ -29,10 +29,8 @@ def map_log(
     motions = enumerate(walk(log.stamps, log.odometry, settings.odometry))
     for index, motion in run.each(motions, len(log), progress, interrupted):
         due = mapper.gate.step(motion.increment)
-        mapper.move(motion)
-        run.counts["scans used"] += 1
+        run.move(motion)
         if due:
-            run.counts["observations"] += 1
-            mapper.observe(scans[index])
+            run.observe(scans[index], f"scan {index}")
     mapper.finish()
     return run
