@@ -157,6 +157,7 @@ def _summary(
         # ru_maxrss counts kilobytes on Linux, bytes on macOS.
         "peak_memory_mb": round(peak / (1e6 if sys.platform == "darwin" else 1e3), 1),
         "health": health.lines,
+        "to_do": [finding.line for finding in health.findings if finding.remedy],
         "versions": {name: version(name) for name in VERSIONS_OF},
         "python": platform.python_version(),
     }
