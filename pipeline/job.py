@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from mapping.known_map import KnownMap
 from odometry.walk import LEAP, leaps
 from pipeline.checkpoint import Observations
 from pipeline.motion import motion_of, usual_motion
-from pipeline.recordings.base import Recording
+from pipeline.recordings.base import RecordedPair, Recording
 from pipeline.recordings.scan_log import ODDITIES, USUAL, ScanLog
 from pipeline.rig import choose_rig
 from pipeline.run import Interrupted, MapRun, Progress, map_recording
@@ -25,7 +25,8 @@ class Job:
     """A run to be made.
 
     unit: what the input consists of; notes: what the user must hear before; skipped: what was
-    passed over when the input was opened; facts(): what run.json says of it, asked afterwards.
+    passed over when the input was opened; facts(): what run.json says of it, asked afterwards;
+    pairs: of a recording.
     """
 
     unit: str
@@ -34,6 +35,7 @@ class Job:
     notes: list[str]
     skipped: dict[str, list[str]]
     truth: Trajectory | None
+    pairs: Sequence[RecordedPair] = ()
 
 
 def recording_job(
@@ -69,7 +71,7 @@ def recording_job(
             "odometry": source.report(),
         }
 
-    return Job("pairs", run, facts, notes, recording.skipped, recording.poses)
+    return Job("pairs", run, facts, notes, recording.skipped, recording.poses, recording.pairs)
 
 
 def log_job(log: ScanLog, settings: Settings, seed: int, begin: KnownMap | None = None) -> Job:

@@ -25,6 +25,7 @@ from pipeline.health.run_health import RunHealth
 from pipeline.map_files import write_map_server, write_npz
 from pipeline.picture import draw_map
 from pipeline.run import KeyFrame, MapRun
+from pipeline.run_report.origin import Origin
 from pipeline.settings import Settings, as_yaml
 from pipeline.trajectory import Trajectory, distance_travelled, write_tum
 
@@ -55,11 +56,17 @@ HEALTH_COLUMNS = (
 
 
 def write_results(
-    folder: Path, run: MapRun, settings: Settings, truth: Trajectory | None, facts: dict[str, Any]
+    folder: Path,
+    run: MapRun,
+    settings: Settings,
+    truth: Trajectory | None,
+    facts: dict[str, Any],
+    origin: Origin | None = None,
 ) -> dict[str, Any]:
     """Write every result file into `folder`; the content of run.json.
 
-    facts: what the command knows of the run (input, seed, rig, motion).
+    facts: what the command knows of the run (input, seed, rig, motion); origin: where it came
+    from, without which the report names no place and shows no images.
     """
     mapper = run.mapper
     grid, path = mapper.grid(), mapper.path()
@@ -79,8 +86,23 @@ def write_results(
     (folder / "settings.yaml").write_text(as_yaml(settings), encoding="utf-8")
     health = RunHealth.of(run, path, facts)
     summary = _summary(run, grid, path, facts, health)
+    origin = origin or Origin.unknown(folder)
+    if untold := _report(folder, run, settings, grid, path, health, summary, origin):
+        summary["health"].append(untold)
     (folder / "run.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
     return summary
+
+
+def _report(folder: Path, *about: Any) -> str:
+    """Write report.html; what is missing in it, or why there is none, in words. A map that is made
+    is never lost for it."""
+    from pipeline.run_report.report import PAGE, write_report
+
+    try:
+        return write_report(folder, *about)
+    except Exception as error:
+        (folder / PAGE).unlink(missing_ok=True)
+        return f"{PAGE} could not be written: {error}"
 
 
 def _length(path: np.ndarray) -> float:

@@ -57,7 +57,8 @@ class MapRun:
 
     unit: what the input consists of; key_frames: None where there are no images; brightness: of
     each observation, the left image over the right one; told: what the motion's source has to say;
-    worst: the pairs to look at; witness: of odometry's errors.
+    ends: the numbers of the poses at which local maps closed; worst: the pairs to look at;
+    witness: of odometry's errors.
     """
 
     mapper: HierarchicalMapper
@@ -68,6 +69,7 @@ class MapRun:
     brightness: list[float] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=lambda: defaultdict(float))
     told: list[Finding] = field(default_factory=list)
+    ends: list[int] = field(default_factory=list)
     worst: WorstPairs = field(default_factory=WorstPairs)
     witness: OdometryWitness = field(init=False)
     partial: bool = False
@@ -89,11 +91,12 @@ class MapRun:
     def observe(self, scan: RangeScan, name: str) -> None:
         """What was seen where the robot moved to."""
         self.counts["observations"] += 1
-        steps = self.mapper.filter.health
+        index, steps = len(self.mapper.stamps) - 1, self.mapper.filter.health
         before = len(steps)
         self.mapper.observe(scan)
         self.witness.observe(scan)
-        self.worst.observed(len(self.mapper.stamps) - 1, name, scan, steps[before:])
+        self.worst.observed(index, name, scan, steps[before:])
+        self.ends += [index] * (len(steps) - before)
 
     def each(
         self, items: Iterable[T], total: int, progress: Progress, interrupted: Interrupted

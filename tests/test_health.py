@@ -122,7 +122,7 @@ def test_what_is_wrong_comes_with_its_remedy():
         "0.951"
     )
     assert "turns to the left by 0.40 ± 0.05 deg a metre where the robot does not" in drift
-    assert "right_radius of the encoders is too large" in drift
+    assert "the right wheel is taken for too large (right_radius of the encoders)" in drift
     *others, last = [found.line for found in odometry_findings(errors, encoders=False)]
     assert not any("encoders" in line for line in (*others, last))
     *_, images = odometry_findings(errors, encoders=False, images=True)
@@ -201,7 +201,7 @@ def test_the_worst_finding_decides_and_good_needs_all():
     silent = Finding("says nothing")
     assert Verdict.of([good, silent], False, "all there") == Verdict("good", "a; all there")
     assert Verdict.of([good, doubtful, silent], False, "all there") == Verdict("doubtful", "b")
-    assert Verdict.of([doubtful, broken, good], False) == Verdict("broken", "c")
+    assert Verdict.of([doubtful, broken, good], False) == Verdict("broken", "c; b")
     assert Verdict.of([good], True) == Verdict(
         "good", "a; interrupted: this is the first part of the recording"
     )

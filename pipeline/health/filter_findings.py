@@ -17,11 +17,10 @@ OFTEN = 0.25
 # A step that matches less than half of the obstacles in view disagrees with its own map. Of 16
 # simulated runs by both methods, those within 0.2 m of the truth had at most 1.6 % of such steps,
 # those more than 0.3 m off 3.8 % and more. Of 24 runs of the office with something spoilt, those
-# within 8 cm had one at most, but for very dark images; of those more than 0.6 m off more than a
-# quarter of the steps judged were so, and of those between 10 to 35 %.
-HALF = 0.5
-SELDOM = 0.02
-MUCH = 0.25
+# within 0.1 m had at most one, but for very dark images; where more than 15 % of the steps matched
+# less than 40 %, the path was half a metre off and more, or a wrong rig had blurred the map.
+HALF, TORN = 0.5, 0.4
+SELDOM, OFTEN_TORN = 0.02, 0.15
 # With fewer steps judged than this share nearly all of the path is unchecked.
 FEW_JUDGED = 0.1
 UNCHECKED = (
@@ -37,8 +36,8 @@ class FilterFigures:
     """What the steps of a filter amount to.
 
     n_eff: median and least share of the particles; starved: share of steps with too few; matched:
-    median share of the obstacles in view, None where no step was judged; poor: judged steps that
-    matched less than half; answered: share of columns or beams.
+    median share of the obstacles in view, None where no step was judged; poor, torn: judged steps
+    that matched less than half, and far less; answered: share of columns or beams.
     """
 
     steps: int
@@ -49,6 +48,7 @@ class FilterFigures:
     judged: int
     matched: float | None
     poor: int
+    torn: int
     answered: float
 
     @staticmethod
@@ -66,6 +66,7 @@ class FilterFigures:
             judged=len(matched),
             matched=float(np.median(matched)) if len(matched) else None,
             poor=int(np.count_nonzero(matched < HALF)),
+            torn=int(np.count_nonzero(matched < TORN)),
             answered=float(np.average([step.answered for step in steps], weights=observations)),
         )
 
@@ -90,6 +91,7 @@ def particles_finding(figures: FilterFigures) -> Finding:
         "of odometry (odometry.along, odometry.heading)",
         grade=Grade.DOUBTFUL,
         short=f"in {figures.starved:.0%} of the steps hardly a particle agreed with what was seen",
+        symptom=True,
         command=f"{{map}} --set mapping.particles={2 * figures.particles}",
     )
 
@@ -115,14 +117,15 @@ def matching_finding(figures: FilterFigures) -> Finding:
             grade=Grade.DOUBTFUL if few else Grade.GOOD,
             short=f"{matched}, but that was little" if few else matched,
         )
-    much = figures.poor > MUCH * figures.judged
+    much = figures.torn > max(1, OFTEN_TORN * figures.judged)
     return Finding(
         f"{text}, {figures.poor} of them less than half",
-        "the map disagrees with itself there: look for double walls in map.png; more particles, "
-        "another --seed or a better odometry may close the loop",
+        "look for double walls where the map disagrees with itself; more particles, another --seed "
+        "or a better odometry may close the loop",
         grade=Grade.BROKEN if much else Grade.DOUBTFUL,
         short=f"{figures.poor} of {figures.judged} steps saw less than half of what the map holds "
         "there",
+        symptom=True,
         command=f"{{map}} --seed 2 --set mapping.particles={2 * figures.particles}",
     )
 

@@ -20,7 +20,8 @@ class Finding:
 
     text: what, with its numbers; remedy: what to do about it, "" where nothing need be done, and
     then `praise` may say that all is well; grade: what it says of the map; short: as much of it as
-    stands in a verdict, "" where it has no say there; command: a command line that helps, with
+    stands in a verdict, "" where it has no say there; symptom: something else is likely to be the
+    cause, which is to be mended first; command: a command line that helps, with
     names in braces for what belongs to the run (`Origin.fill`).
     """
 
@@ -29,6 +30,7 @@ class Finding:
     praise: str = ""
     grade: Grade = Grade.GOOD
     short: str = ""
+    symptom: bool = False
     command: str = ""
 
     @property

@@ -9,7 +9,7 @@ from mapping.odometry_witness import OdometryErrors
 from pipeline.health.finding import Finding, Grade
 from pipeline.health.parting import STRETCH, Parting
 
-CALIBRATE = "beemap odometry calibrate {recording} {rig_option} -o {new_rig} --force"
+CALIBRATE = "beemap odometry calibrate {recording}{rig_option} -o {new_rig} --force"
 # Beyond these the matched path cannot be trusted to have put all of it right: in distance,
 # rotation (shares) and drift (rad/m), and in the parting over a stretch. With wheels 3 % too large
 # the office's path was 7 cm off, with 10 % half a metre; with the track 20 % too wide 2 m.
@@ -100,7 +100,7 @@ def _rotation(errors: OdometryErrors) -> Finding:
 
 def _drift(errors: OdometryErrors) -> Finding:
     value, error = errors.value[2], errors.error[2]
-    side, larger = ("left", "right") if value > 0 else ("right", "left")
+    side, other = ("left", "right") if value > 0 else ("right", "left")
     text = (
         f"odometry turns to the {side} by {abs(math.degrees(value)):.2f} ± "
         f"{math.degrees(error):.2f} deg a metre where the robot does not"
@@ -108,7 +108,8 @@ def _drift(errors: OdometryErrors) -> Finding:
     far = abs(value) > FAR_OFF[2]
     return Finding(
         text,
-        f"{larger}_radius of the encoders is too large",
+        f"the {other} wheel is taken for too large ({other}_radius of the encoders), or the {side} "
+        "one for too small",
         grade=Grade.DOUBTFUL if far else Grade.GOOD,
         short=text if far else "",
         command=CALIBRATE,

@@ -31,10 +31,12 @@ class Verdict:
 
     @staticmethod
     def of(findings: Sequence[Finding], partial: bool, praise: str = "") -> Verdict:
-        """The worst of the findings decides; a good map is good because of all of them, and of
-        what `praise` says."""
+        """The worst of the findings decides, and all that make the map worse than good are
+        reasons; a good map is good because of all of them, and of what `praise` says."""
         grade = max(finding.grade for finding in findings)
-        reasons = [f.short for f in findings if f.short and f.grade == grade]
+        ordered = sorted(findings, key=lambda finding: -finding.grade)
+        least = Grade.GOOD if grade == Grade.GOOD else Grade.DOUBTFUL
+        reasons = [f.short for f in ordered if f.short and f.grade >= least]
         if praise and grade == Grade.GOOD:
             reasons.append(praise)
         if partial:
