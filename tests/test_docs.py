@@ -34,7 +34,7 @@ NOT_RUN = {
 HARMLESS = ("cp", "mkdir")
 # Commands that run until Ctrl-C, which comes after so many pairs.
 UNTIL_INTERRUPTED = ("live", "record")
-PAIRS = 12
+PAIRS = 6
 # doctor may fail the machine that runs the tests.
 CODES = {"doctor": (0, 3)}
 
