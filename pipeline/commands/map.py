@@ -175,6 +175,7 @@ def _map(
             "input": request.input,
             **job.facts(),
             "seed": request.seed,
+            "request": request.complete(settings).told(),
             "notes": job.notes,
             "threads": threads,
             "recording": job.skipped,

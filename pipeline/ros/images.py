@@ -58,7 +58,7 @@ class ImageFiles:
             InputError: an encoding that is not known here; DamagedImageError.
         """
         if kind == COMPRESSED:
-            return _as_it_is(bytes(message.data))
+            return image_file(bytes(message.data))
         return "png", encode(self._pixels(topic, message))
 
     def _pixels(self, topic: str, message: Any) -> np.ndarray:
@@ -88,11 +88,6 @@ def encode(image: np.ndarray) -> bytes:
     return data.tobytes()
 
 
-def compressed_format(data: bytes) -> str:
-    """What a CompressedImage with these bytes says of its format."""
-    return "png" if data.startswith(PNG_START) else "jpeg"
-
-
 def _rows(message: Any, size: int) -> np.ndarray:
     """Bytes (H, W * size) of an image; what pads its rows is left out."""
     height, width, step = int(message.height), int(message.width), int(message.step)
@@ -106,8 +101,13 @@ def _rows(message: Any, size: int) -> np.ndarray:
     return np.ascontiguousarray(rows)
 
 
-def _as_it_is(data: bytes) -> tuple[str, bytes]:
-    """A compressed image; what is neither JPEG nor PNG is made a PNG."""
+def image_file(data: bytes) -> tuple[str, bytes]:
+    """Ending and bytes of an image that is a file already: as it is where it is a JPEG or a PNG,
+    else made a PNG.
+
+    Raises:
+        DamagedImageError: cut short, or no image.
+    """
     for start, ending in ((JPEG_START, "jpg"), (PNG_START, "png")):
         if data.startswith(start):
             if is_cut_short(data[:8], data[-TAIL:]):
