@@ -15,6 +15,7 @@ COMMANDS = {
     "doctor": ("doctor:doctor_command", "Look whether everything is ready for a live run."),
     "record": ("record:record_command", "Record cameras and encoders."),
     "info": ("info:info_command", "Say what a recording or a scan log holds."),
+    "view": ("view:view_command", "Show a run on one time line, in rerun's viewer."),
     "export": ("export:export_command", "Write a run as a bag for Foxglove and RViz."),
     "import": ("import_bag:import_command", "Turn a ROS bag into a recording."),
     "calibrate": ("calibrate:calibrate", "Calibrate a new camera pair."),
