@@ -82,7 +82,7 @@ def _save(
 
     with new_files([save], force) as partial:
         with new_recording(run) as stream:
-            stream.save(partial / save.name, default_blueprint=layout())
+            stream.save(partial / save.name, default_blueprint=layout(run))
             _show(stream, run, job, stop, quiet)
         if stop.is_set():
             raise click.Abort
@@ -101,7 +101,7 @@ def _serve(
     with ExitStack() as stack:
         served = stack.enter_context(viewer())
         stream = stack.enter_context(new_recording(run))
-        stream.connect_grpc(served.sink, default_blueprint=layout())
+        stream.connect_grpc(served.sink, default_blueprint=layout(run))
         click.echo(f"{served.page}  (Ctrl-C ends it)")
         if not no_browser:
             webbrowser.open(served.page)

@@ -19,25 +19,31 @@ from stereo.scan import RangeScan
 WIDEST = 320  # px of an image
 QUALITY = 80
 # Side of the longest map shown on the way; the last one is shown as it is [cells].
-LONGEST = 600
+LONGEST = 400
 PATH, TRUTH, ODOMETRY = (30, 120, 200), (70, 150, 40), (150, 150, 150)  # RGB
 PARTICLE, HIT, ROBOT = (250, 150, 60), (210, 50, 50), (60, 60, 60)
+WALL, FREE = (150, 40, 120), (200, 225, 245)  # of a local map, which lies over the map
+# Grey of the map by the probability of an obstacle.
+GREY_OF_P = ([0.0, 0.5, 0.65, 1.0], [250, 215, 110, 20])
 THICK = 0.02  # m
 
 
 def grid_map(grid: OccupancyGrid, whole: bool = True) -> rr.GridMap:
-    """A map as ROS shows it; whole: every cell of it, however many."""
+    """A map in grey; whole: every cell of it, however many."""
     p = grid.probability
     step = 1 if whole else math.ceil(max(p.shape) / LONGEST)
-    origin = np.array([*grid.origin, 0.0])
-    return _grid(p if step == 1 else _coarse(p, step), origin, step * grid.cell, 0.0)
+    p = p if step == 1 else _coarse(p, step)
+    grey = np.interp(np.nan_to_num(p, nan=0.5), *GREY_OF_P)
+    pixels = np.repeat(grey[..., None], 3, axis=2)
+    return _grid(p, pixels, np.array([*grid.origin, 0.0]), step * grid.cell, 0.0)
 
 
 def local_map(local: LocalMap, pose: np.ndarray) -> rr.GridMap:
     """A local map where the robot stood when it was closed, at `pose` (3,)."""
     corner = placed(pose, np.array([local.origin]))[0]
     p = probability(local.log_odds)
-    return _grid(p, np.array([*corner, THICK]), local.cell, float(pose[2]))
+    pixels = np.where((p > 0.5)[..., None], WALL, FREE)
+    return _grid(p, pixels, np.array([*corner, THICK]), local.cell, float(pose[2]))
 
 
 def robot(pose: np.ndarray) -> rr.Transform3D:
@@ -92,18 +98,21 @@ def _points(xy: np.ndarray, colour: tuple[int, int, int], radius: float) -> rr.P
     return rr.Points3D(positions, colors=[colour], radii=radius)
 
 
-def _grid(p: np.ndarray, corner: np.ndarray, cell: float, turn: float) -> rr.GridMap:
-    percent = np.where(np.isnan(p), -1.0, np.rint(100.0 * p)).astype(np.int8)
+def _grid(
+    p: np.ndarray, pixels: np.ndarray, corner: np.ndarray, cell: float, turn: float
+) -> rr.GridMap:
+    """pixels: (H, W, 3) uint8 RGB of the cells; what is not known (NaN in p) is left clear."""
+    known = ~np.isnan(p)
     # The first row of an image is its upper one.
+    image = np.dstack([pixels * known[..., None], 255 * known])[::-1].astype(np.uint8)
     return rr.GridMap(
-        data=np.ascontiguousarray(percent[::-1]).tobytes(),
+        data=image.tobytes(),
         format=rr.components.ImageFormat(
-            width=p.shape[1], height=p.shape[0], color_model="L", channel_datatype="U8"
+            width=p.shape[1], height=p.shape[0], color_model="RGBA", channel_datatype="U8"
         ),
         cell_size=cell,
         translation=corner,
         rotation_axis_angle=rr.RotationAxisAngle([0, 0, 1], rr.Angle(rad=turn)),
-        colormap=rr.components.Colormap.RvizMap,
     )
 
 

@@ -167,8 +167,8 @@ def new_recording(run: RunFolder) -> Iterator[rr.RecordingStream]:
         recording.disconnect()
 
 
-def layout() -> rr.blueprint.Blueprint:
-    """Map on the left, images and numbers on the right."""
+def layout(run: RunFolder) -> rr.blueprint.Blueprint:
+    """The map from above, images and numbers to its right."""
     import rerun.blueprint as rrb
 
     images = [
@@ -176,9 +176,14 @@ def layout() -> rr.blueprint.Blueprint:
         for name in ("left", "right", "disparity")
     ]
     plots = [rrb.TimeSeriesView(origin=f"plots/{name}", name=name) for name in DRAWN]
+    size = run.grid.cell * np.array(run.grid.probability.shape[::-1])
+    x, y = run.grid.origin + size / 2.0
+    above = rrb.EyeControls3D(
+        position=(x, y - 0.2 * size.max(), size.max()), look_target=(x, y, 0.0), eye_up=(0, 0, 1)
+    )
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Spatial3DView(origin="world", name="map"),
+            rrb.Spatial3DView(origin="world", name="map", eye_controls=above),
             rrb.Vertical(*images, rrb.Tabs(*plots, rrb.TextLogView(origin="log", name="log"))),
             column_shares=[3, 1],
         ),
