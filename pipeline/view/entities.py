@@ -35,7 +35,7 @@ def grid_map(grid: OccupancyGrid, whole: bool = True) -> rr.GridMap:
     p = p if step == 1 else _coarse(p, step)
     grey = np.interp(np.nan_to_num(p, nan=0.5), *GREY_OF_P)
     pixels = np.repeat(grey[..., None], 3, axis=2)
-    return _grid(p, pixels, np.array([*grid.origin, 0.0]), step * grid.cell, 0.0)
+    return _grid(p, pixels, (*grid.origin, 0.0), step * grid.cell, order=0)
 
 
 def local_map(local: LocalMap, pose: np.ndarray) -> rr.GridMap:
@@ -43,7 +43,7 @@ def local_map(local: LocalMap, pose: np.ndarray) -> rr.GridMap:
     corner = placed(pose, np.array([local.origin]))[0]
     p = probability(local.log_odds)
     pixels = np.where((p > 0.5)[..., None], WALL, FREE)
-    return _grid(p, pixels, np.array([*corner, THICK]), local.cell, float(pose[2]))
+    return _grid(p, pixels, (*corner, float(pose[2])), local.cell, order=1)
 
 
 def robot(pose: np.ndarray) -> rr.Transform3D:
@@ -99,9 +99,10 @@ def _points(xy: np.ndarray, colour: tuple[int, int, int], radius: float) -> rr.P
 
 
 def _grid(
-    p: np.ndarray, pixels: np.ndarray, corner: np.ndarray, cell: float, turn: float
+    p: np.ndarray, pixels: np.ndarray, pose: tuple[float, float, float], cell: float, order: int
 ) -> rr.GridMap:
-    """pixels: (H, W, 3) uint8 RGB of the cells; what is not known (NaN in p) is left clear."""
+    """pixels: (H, W, 3) RGB of the cells; what is not known (NaN in p) is left clear. pose: of the
+    lower left corner. order: higher ones lie over the others."""
     known = ~np.isnan(p)
     # The first row of an image is its upper one.
     image = np.dstack([pixels * known[..., None], 255 * known])[::-1].astype(np.uint8)
@@ -111,8 +112,10 @@ def _grid(
             width=p.shape[1], height=p.shape[0], color_model="RGBA", channel_datatype="U8"
         ),
         cell_size=cell,
-        translation=corner,
-        rotation_axis_angle=rr.RotationAxisAngle([0, 0, 1], rr.Angle(rad=turn)),
+        translation=[*pose[:2], order * THICK],
+        rotation_axis_angle=rr.RotationAxisAngle([0, 0, 1], rr.Angle(rad=pose[2])),
+        opacity=0.99,  # at 1 the viewer looks at no pixel's own
+        draw_order=order,
     )
 
 
