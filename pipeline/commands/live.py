@@ -105,6 +105,7 @@ def live_command(
         # What mapping the recording offline would be asked for: `map --resume` goes on with that.
         asked = MapRequest(str(place), motion=motion, seed=seed, begin=begin)
         asked = asked.complete(settings)
+        facts["request"] = asked.told()
         known = Checkpoint.start(output / "checkpoint", msgspec.to_builtins(asked))
         with until_interrupted() as stop:
             options = LiveOptions(settings, seed, duration, stop, known, facts, known_grid, motion)
