@@ -12,57 +12,81 @@ import sys
 import threading
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing import connection
 from typing import Any, TypeVar
 
+from pipeline.tasks.task import Failure, Place, perform
+
 T = TypeVar("T")
 R = TypeVar("R")
 
-
-@dataclass(frozen=True)
-class Failure:
-    """Why a task has no result, in one line."""
-
-    reason: str
+# A task whose process died is begun again; one that ends every process is given up.
+TRIES = 3
 
 
-def run_tasks(
-    tasks: Sequence[T], work: Callable[[T], R], jobs: int, threads: int = 1
+@dataclass
+class _Try:
+    """A task on its way: how many processes it was given to."""
+
+    task: Any
+    count: int = 0
+
+
+def run_in_processes(
+    tasks: Sequence[T],
+    work: Callable[[T], R],
+    jobs: int,
+    threads: int,
+    told: Callable[[T, float], None],
 ) -> Generator[tuple[T, R | Failure]]:
     """Yield (task, work(task)) as they finish, from `jobs` processes of `threads` threads each.
 
-    work: a function of a module; tasks and results are pickled. When the generator is closed, or
-    the program interrupted, the processes are ended at once.
+    work: a function of a module; tasks and results are pickled. told(task, share): how far a task
+    is. When the generator is closed, or the program interrupted, the processes are ended at once.
     """
-    waiting = deque(tasks)
+    waiting = deque(_Try(task) for task in tasks)
     workers: list[_Worker] = []
-    busy: dict[connection.Connection, tuple[_Worker, T]] = {}
+    busy: dict[connection.Connection, tuple[_Worker, _Try]] = {}
 
     def give(worker: _Worker) -> None:
         if waiting:
-            task = waiting.popleft()
-            worker.pipe.send(task)
-            busy[worker.pipe] = (worker, task)
+            given = waiting.popleft()
+            given.count += 1
+            busy[worker.pipe] = (worker, given)
+            # One that has died meanwhile is noticed by the end of its pipe.
+            with suppress(OSError):
+                worker.pipe.send(given.task)
 
     try:
         with _limited(threads), _sigterm_as_exit():
-            workers.extend(_Worker(work) for _ in range(min(jobs, len(tasks))))
+            workers.extend(_Worker(work, threads) for _ in range(min(jobs, len(tasks))))
             for worker in workers:
                 give(worker)
             while busy:
                 for pipe in connection.wait(list(busy)):
-                    worker, task = busy.pop(pipe)  # type: ignore[index]
+                    worker, given = busy[pipe]  # type: ignore[index]
                     try:
-                        result = worker.pipe.recv()
+                        kind, value = worker.pipe.recv()
                     except (EOFError, OSError):
-                        result = Failure(f"its process {worker.end()}")
+                        kind, value = "died", None
+                    if kind == "told":
+                        told(given.task, value)
+                        continue
+                    del busy[worker.pipe]
+                    if kind == "died":
+                        how = worker.end()
                         workers.remove(worker)
-                        worker = _Worker(work)
+                        worker = _Worker(work, threads)
                         workers.append(worker)
+                        if given.count < TRIES:
+                            waiting.appendleft(given)
+                        else:
+                            kind, value = "done", Failure(f"its process {how}, {TRIES} times")
                     give(worker)
-                    yield task, result
+                    if kind == "done":
+                        yield given.task, value
     finally:
         for worker in workers:
             worker.process.terminate()
@@ -73,11 +97,13 @@ def run_tasks(
 class _Worker:
     """A process that takes tasks from a pipe until it is ended."""
 
-    def __init__(self, work: Callable[[Any], Any]):
+    def __init__(self, work: Callable[[Any], Any], threads: int):
         context = multiprocessing.get_context("spawn")
         self.pipe, its_end = context.Pipe()
-        self.process = context.Process(target=_serve, args=(its_end, work), daemon=True)
-        self.process.start()
+        self.process = context.Process(target=_serve, args=(its_end, work, threads), daemon=True)
+        # Ctrl-C reaches the whole group of processes; the parent decides what becomes of it.
+        with _without_interrupts():
+            self.process.start()
         its_end.close()
 
     def end(self) -> str:
@@ -89,20 +115,25 @@ class _Worker:
         return f"ended with code {code}"
 
 
-def _serve(pipe: connection.Connection, work: Callable[[Any], Any]) -> None:
-    # Ctrl-C reaches the whole group of processes; the parent decides what becomes of it.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+def _serve(pipe: connection.Connection, work: Callable[[Any], Any], threads: int) -> None:
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     while True:
         try:
             task = pipe.recv()
         except EOFError:
             return
-        try:
-            result = work(task)
-        except Exception as error:
-            result = Failure(" ".join(f"{type(error).__name__}: {error}".split()))
-        pipe.send(result)
+        where = Place(threads, lambda share: pipe.send(("told", share)))
+        pipe.send(("done", perform(work, task, where)))
+
+
+@contextmanager
+def _without_interrupts() -> Iterator[None]:
+    """What is started within never hears of Ctrl-C; here one is late by that long."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager
