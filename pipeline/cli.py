@@ -12,6 +12,7 @@ from pipeline.errors import for_user, one_line
 # name -> (module:function in pipeline.commands, what it does).
 COMMANDS = {
     "map": ("map:map_command", "Map a recording or a scan log: map and path out."),
+    "batch": ("batch:batch_command", "Map many recordings, on all cores or a cluster."),
     "live": ("live:live_command", "Map while the robot drives."),
     "doctor": ("doctor:doctor_command", "Look whether everything is ready for a live run."),
     "record": ("record:record_command", "Record cameras and encoders."),

@@ -6,6 +6,7 @@ import hashlib
 import math
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -129,11 +130,23 @@ class MapRequest(msgspec.Struct, frozen=True):
         if now != self.versions:
             raise InputError(f"{where}: made by other versions of beemap or OpenCV: map afresh")
 
+    def facts(self, job: Job, threads: int) -> dict[str, Any]:
+        """What run.json says of a run of the job."""
+        return {
+            "input": self.input,
+            **job.facts(),
+            "seed": self.seed,
+            "notes": job.notes,
+            "threads": threads,
+            "recording": job.skipped,
+        }
+
     @property
     def _files(self) -> list[str]:
         """Files beside the input that decide the result."""
         files = [self.rig, self.ticks.file if self.ticks else None]
         files.append(self.begin.map if self.begin else None)
+        files.append((self.motion or "").partition(":")[2] or None)
         return [str(_content(Path(file))) for file in files if file is not None]
 
     def _refuse_for_logs(self, path: Path) -> None:

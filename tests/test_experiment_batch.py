@@ -120,7 +120,9 @@ def test_a_failing_run_and_a_dying_process_leave_the_others_alone(world, folder)
     bug, killed = batch.failures
     assert bug.startswith("paper hierarchical, ")
     assert bug.endswith("N 3, seed 2: ZeroDivisionError: no such thing")
-    assert killed.endswith("N 3, seed 3: its process was killed by SIGKILL (out of memory?), 3 times")
+    assert killed.endswith(
+        "N 3, seed 3: its process was killed by SIGKILL (out of memory?), 3 times"
+    )
     again = run_batch(plan, folder, noted, Workers(1), quiet=True)
     assert (done(folder), again.failures) == ([1, 2, 3, 4], [])
 

@@ -144,9 +144,7 @@ def _run(
 
     module = importlib.import_module(f"pipeline.experiments.{name}")
     workers = Workers(jobs or (None if scheduler else usual), scheduler)
-    options = Options(
-        output, seeds=seeds or module.SEEDS, workers=workers, quiet=quiet, **chosen
-    )
+    options = Options(output, seeds=seeds or module.SEEDS, workers=workers, quiet=quiet, **chosen)
     open_folder(output, "experiment", name, force)
     try:
         batch = module.run(options, *arguments)

@@ -8,6 +8,7 @@ threads it has: those are the task's. No more tasks are sent than there are work
 from __future__ import annotations
 
 import logging
+import queue
 import threading
 import time
 import uuid
@@ -20,9 +21,9 @@ from typing import Any
 
 from pipeline.errors import InputError
 from pipeline.tasks.fitness import misfit, own_identity, unfit
+from pipeline.tasks.scheduler_address import ANSWER, is_scheduler
 from pipeline.tasks.task import Failure, Place, perform
 
-ANSWER = 4.0  # the scheduler must answer within [s]
 LOOK_EVERY = 1.0  # for workers that come and go [s]
 # So long all workers may be gone before the run is given up [s].
 PATIENCE = 30.0
@@ -46,13 +47,12 @@ def connected(address: str, jobs: int | None) -> Iterator[Cluster]:
 
     # What it has to say is said here, in one line.
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
-    try:
-        client = distributed.Client(address, timeout=ANSWER, set_as_default=False)
-    except (OSError, ValueError) as error:
+    if not is_scheduler(address):
         raise InputError(
-            f"--scheduler {address}: no Dask scheduler answers there: look at the address, as in "
-            "tcp://192.168.1.5:8786, or start one with 'dask scheduler'"
-        ) from error
+            f"--scheduler {address}: no Dask scheduler answers there: look at the address, or "
+            "start one with 'dask scheduler'"
+        )
+    client = distributed.Client(address, timeout=ANSWER, set_as_default=False)
     try:
         yield Cluster(client, address, jobs)
     finally:
@@ -94,6 +94,7 @@ class Cluster:
         waiting = deque(enumerate(tasks))
         # future -> its task, and the worker it was meant for.
         running: dict[Any, tuple[Any, str]] = {}
+        ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
         topic = f"beemap-{uuid.uuid4()}"
         ours = own_identity()
 
@@ -116,6 +117,7 @@ class Cluster:
                             workers=worker, allow_other_workers=True, pure=False,
                         )  # fmt: skip
                         running[future] = (task, worker)
+                        future.add_done_callback(ended.put)
                 if workers:
                     lonely = time.monotonic()
                 elif time.monotonic() - lonely > PATIENCE:
@@ -123,7 +125,8 @@ class Cluster:
                         f"--scheduler {self._address}: has no workers any more: start some and "
                         "give the same command again, it goes on"
                     )
-                for future in self._finished(running):
+                with suppress(queue.Empty):
+                    future = ended.get(timeout=LOOK_EVERY)
                     task, _ = running.pop(future)
                     yield task, self._outcome(future)
         finally:
@@ -137,17 +140,6 @@ class Cluster:
             return self._client.nthreads()
         except (OSError, RuntimeError, ValueError):
             raise self._lost() from None
-
-    def _finished(self, running: dict[Any, Any]) -> list[Any]:
-        """Futures that have ended; waits a little for one."""
-        from distributed import CancelledError, wait
-
-        if not running:
-            time.sleep(LOOK_EVERY)
-            return []
-        with suppress(TimeoutError, CancelledError):
-            wait(list(running), timeout=LOOK_EVERY, return_when="FIRST_COMPLETED")
-        return [future for future in running if future.done()]
 
     def _outcome(self, future: Any) -> Any:
         """The result of a future that has ended, or why there is none."""

@@ -11,7 +11,6 @@ from pathlib import Path
 
 from pipeline.errors import InputError
 
-
 # What marks a folder of ours, by a file of that name (.txt), and how it is called.
 KINDS = {"experiment": "an experiment", "batch": "a batch"}
 # A task looks whether its folder is still its own no more often [s].

@@ -8,8 +8,6 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
-import sys
-import threading
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -60,17 +58,18 @@ def run_in_processes(
                 worker.pipe.send(given.task)
 
     try:
-        with _limited(threads), _sigterm_as_exit():
+        with _limited(threads):
             workers.extend(_Worker(work, threads) for _ in range(min(jobs, len(tasks))))
             for worker in workers:
                 give(worker)
             while busy:
                 for pipe in connection.wait(list(busy)):
                     worker, given = busy[pipe]  # type: ignore[index]
+                    value: Any = None
                     try:
                         kind, value = worker.pipe.recv()
                     except (EOFError, OSError):
-                        kind, value = "died", None
+                        kind = "died"
                     if kind == "told":
                         told(given.task, value)
                         continue
@@ -134,23 +133,6 @@ def _without_interrupts() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-@contextmanager
-def _sigterm_as_exit() -> Iterator[None]:
-    """SIGTERM ends the program by way of the `finally` that ends its processes."""
-
-    def leave(number: int, frame: Any) -> None:
-        sys.exit(128 + number)
-
-    if threading.current_thread() is not threading.main_thread():
-        yield  # only the main thread may choose
-        return
-    before = signal.signal(signal.SIGTERM, leave)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 @contextmanager

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import os
+import signal
+import sys
+import threading
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -57,17 +60,18 @@ def task_runner(workers: Workers, must_see: Sequence[Path] = ()) -> Iterator[Run
         InputError: the scheduler does not answer or has no workers; a worker holds another
             beemap, or does not see one of the files.
     """
-    if workers.scheduler is None:
-        yield _Local(workers.jobs)
-        return
-    from pipeline.extras import need
+    with _signals_end():
+        if workers.scheduler is None:
+            yield _Local(workers.jobs)
+            return
+        from pipeline.extras import need
 
-    need("cluster", "--scheduler")
-    from pipeline.tasks.cluster import connected
+        need("cluster", "--scheduler")
+        from pipeline.tasks.cluster import connected
 
-    with connected(workers.scheduler, workers.jobs) as cluster:
-        cluster.check(must_see)
-        yield cluster
+        with connected(workers.scheduler, workers.jobs) as cluster:
+            cluster.check(must_see)
+            yield cluster
 
 
 def shares(jobs: int | None, threads: int | None, tasks: int) -> tuple[int, int]:
@@ -77,6 +81,26 @@ def shares(jobs: int | None, threads: int | None, tasks: int) -> tuple[int, int]
     jobs = jobs or max(1, cores // (threads or 1))
     jobs = max(1, min(jobs, tasks))
     return jobs, threads or max(1, cores // jobs)
+
+
+@contextmanager
+def _signals_end() -> Iterator[None]:
+    """Ctrl-C and SIGTERM end the program by way of the `finally` that ends its workers, even in a
+    program that was started in the background, where a shell has Ctrl-C ignored."""
+
+    def leave(number: int, frame: Any) -> None:
+        sys.exit(128 + number)
+
+    if threading.current_thread() is not threading.main_thread():
+        yield  # only the main thread may choose
+        return
+    chosen = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: leave}
+    before = {number: signal.signal(number, handler) for number, handler in chosen.items()}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _cores() -> int:
