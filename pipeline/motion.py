@@ -15,9 +15,12 @@ from pipeline.recordings.base import BROKEN_TICKS, Recording
 from pipeline.trajectory import read_tum
 
 if TYPE_CHECKING:
+    from pipeline.fused_motion import FusedMotion
     from pipeline.seeing import AnyMotion
     from pipeline.settings import Settings
+    from pipeline.visual_motion import VisualMotion
 
+LOOKING = ("visual", "fused")
 KNOWN = "encoders, poses, poses:FILE.tum, visual, fused"
 
 
@@ -37,19 +40,27 @@ def motion_of(
     Raises:
         InputError: an unknown choice, or one that the recording does not hold.
     """
-    if choice not in ("visual", "fused"):
+    if choice not in LOOKING:
         return choose_motion(choice, recording, rig, settings.odometry, seed)
-    from pipeline.fused_motion import FusedMotion
-    from pipeline.visual_motion import VisualMotion
-
     if choice == "visual":
-        return VisualMotion(rig, settings.visual, seed)
+        return looking(rig, None, settings, seed)
     if recording.ticks is None:
         raise InputError(
             f"{recording.path}: holds no wheel ticks (odom0/data.csv) to fuse with: give "
             "--motion visual"
         )
-    wheels = _encoders(recording, rig, settings.odometry)
+    return looking(rig, _encoders(recording, rig, settings.odometry), settings, seed)
+
+
+def looking(
+    rig: StereoRig, wheels: MotionSource | None, settings: Settings, seed: int
+) -> VisualMotion | FusedMotion:
+    """Motion from the images, alone or with the wheels."""
+    from pipeline.fused_motion import FusedMotion
+    from pipeline.visual_motion import VisualMotion
+
+    if wheels is None:
+        return VisualMotion(rig, settings.visual, seed)
     return FusedMotion(VisualMotion(rig, settings.visual, seed, hold=False), wheels)
 
 

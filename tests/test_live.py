@@ -44,10 +44,13 @@ def record_all(rig, folder: Path, virtual) -> dict:
     return record_run(load_live_rig(rig), folder, virtual.timeline.finished, believed)
 
 
-def live_all(rig, output: Path, virtual, **options):
+def live_all(rig, output: Path, virtual, motion: str = "encoders", **options):
     settings = load_settings(None, SETTINGS)
     begin_output(output, False, {})
-    wanted = LiveOptions(settings, seed=1, stop=virtual.timeline.finished)
+    facts = {"motion": motion}
+    wanted = LiveOptions(
+        settings, seed=1, stop=virtual.timeline.finished, motion=motion, facts=facts
+    )
     return live_run(load_live_rig(rig), output, output / "recording", wanted, **options)
 
 
@@ -91,6 +94,31 @@ def test_a_live_map_is_that_of_its_recording(office_piece, tmp_path, beemap):
     offline = beemap(
         "map", tmp_path / "run" / "recording", "-o", tmp_path / "again", "--quiet",
         "--settings", tmp_path / "run" / "settings.yaml",
+    )  # fmt: skip
+    assert offline.code == 0, offline.err
+    for name in RESULTS:
+        live, again = ((tmp_path / run / name).read_bytes() for run in ("run", "again"))
+        assert live == again, name
+
+
+@pytest.mark.parametrize("motion", ["visual", "fused"])
+def test_a_live_map_with_motion_from_the_images(office_piece, tmp_path, beemap, motion):
+    with virtual_rig(office_piece, tmp_path / "rig", speed=4.0) as virtual:
+        rig = tmp_path / "rig" / "rig.yaml"
+        if motion == "visual":
+            text = rig.read_text()
+            kept = [line for line in text.splitlines() if "protocol" not in line]
+            kept = [line for line in kept if not line.lstrip().startswith(("encoders: /", "baud"))]
+            rig.write_text("\n".join(kept) + "\n")
+            assert load_live_rig(rig).parameters is None
+        summary = live_all(rig, tmp_path / "run", virtual, motion=motion)
+    assert summary["pairs_skipped"] == 0
+    assert summary["counts"]["pairs used"] >= 40
+    assert summary["odometry"]["visual_pairs"] >= 40
+    assert (motion == "fused") == ("steps_fused" in summary["odometry"])
+    offline = beemap(
+        "map", tmp_path / "run" / "recording", "-o", tmp_path / "again", "--quiet",
+        "--settings", tmp_path / "run" / "settings.yaml", "--motion", motion,
     )  # fmt: skip
     assert offline.code == 0, offline.err
     for name in RESULTS:

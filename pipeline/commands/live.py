@@ -23,6 +23,11 @@ import msgspec
     help="Folder of the recording.  [default: recording in the result folder]",
 )
 @click.option(
+    "--motion",
+    type=click.Choice(["encoders", "visual", "fused"]),
+    help="From the wheels, the images, or both.  [default: encoders, without any visual]",
+)
+@click.option(
     "--continue",
     "known_map",
     type=click.Path(path_type=Path),
@@ -44,6 +49,7 @@ def live_command(
     rig_file: Path,
     output: Path,
     recording: Path | None,
+    motion: str | None,
     known_map: Path | None,
     pose: str | None,
     poses: str | None,
@@ -77,7 +83,10 @@ def live_command(
 
     rig = load_live_rig(rig_file)
     rig.source.calibrated()
-    rig.wheels()
+    if motion is None:
+        motion = "visual" if rig.parameters is None else "encoders"
+    elif motion != "visual":
+        rig.wheels()
     settings = load_settings(settings_file, overrides)
     begin = parse_begin(known_map, pose)
     known_grid = None if begin is None else begin.known()
@@ -85,18 +94,20 @@ def live_command(
         check_new(recording)
     use_threads(threads or os.cpu_count() or 1)
     place = recording or output / "recording"
-    facts = {"input": str(rig_file), "format": "live", "motion": "encoders", "seed": seed}
+    facts = {"input": str(rig_file), "format": "live", "motion": motion, "seed": seed}
     facts["recording"] = str(place)
     lines = EventLines(poses) if poses else None
     screen = Screen(quiet)
+    if rig.parameters is None:
+        screen.tell(f"{rig_file}: names no encoders: motion is found from the images")
     try:
         begin_output(output, force, facts)
         # What mapping the recording offline would be asked for: `map --resume` goes on with that.
-        asked = MapRequest(str(place), motion="encoders", seed=seed, begin=begin)
+        asked = MapRequest(str(place), motion=motion, seed=seed, begin=begin)
         asked = asked.complete(settings)
         known = Checkpoint.start(output / "checkpoint", msgspec.to_builtins(asked))
         with until_interrupted() as stop:
-            options = LiveOptions(settings, seed, duration, stop, known, facts, known_grid)
+            options = LiveOptions(settings, seed, duration, stop, known, facts, known_grid, motion)
             sinks = {"on_pose": lines, "on_map": lines} if lines else {}
             summary = live_run(
                 rig, output, place, options, **sinks, tell=screen.tell, on_status=screen.status

@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from calibration.rig import StereoRig
 from mapping.known_map import KnownMap
 from odometry.live import LiveOdometry
 from pipeline.checkpoint import NOTHING, Observations
@@ -34,9 +35,11 @@ from pipeline.live.map_saver import MapSaver
 from pipeline.live.mapping_thread import LiveMapper
 from pipeline.live.status import Status
 from pipeline.live.warm_up import warm_up
+from pipeline.motion import LOOKING, looking
 from pipeline.results import write_results
 from pipeline.rig import NO_MOUNT
 from pipeline.run import MapRun
+from pipeline.seeing import AnyMotion
 from pipeline.settings import Settings
 
 STATUS_EVERY = 1.0  # s
@@ -47,7 +50,7 @@ TICK = 0.05  # s between looks at what the threads do
 class LiveOptions:
     """settings, seed: as of `map`; duration: ends by itself after so many seconds; stop: ends it
     when set; known: where observations are kept for `--resume`; facts: for run.json; begin: a map
-    to go on in."""
+    to go on in; motion: "encoders", "visual" or "fused"."""
 
     settings: Settings
     seed: int = 1
@@ -56,6 +59,7 @@ class LiveOptions:
     known: Observations = NOTHING
     facts: dict[str, Any] = field(default_factory=dict)
     begin: KnownMap | None = None
+    motion: str = "encoders"
 
 
 def _ignore(*_: object) -> None:
@@ -77,23 +81,24 @@ def live_run(
     on_pose, on_map: called from the threads that map and save; they must not wait.
 
     Raises:
-        RigError: not calibrated; CameraError, OdometryError, InputError: devices or folders; the
-        results so far are saved first where there are any.
+        RigError: not calibrated; CameraError, OdometryError, InputError: devices or folders, or
+        wheels are wanted that the rig has not; the results so far are saved first where there are
+        any.
     """
     begin = time.perf_counter()
     stereo_rig = rig.source.calibrated()
-    _, parameters = rig.wheels()
+    if options.motion != "visual":
+        rig.wheels()
     if stereo_rig.mount is None:
         tell(NO_MOUNT)
         from calibration.rig import Mount
 
         stereo_rig = stereo_rig.with_mount(Mount())
     settings = options.settings
-    warm_up(stereo_rig, settings)
+    warm_up(stereo_rig, settings, looks=options.motion in LOOKING)
     with capture(rig, recording, settings.odometry, tell) as session:
-        assert session.tap is not None
         saver = MapSaver(output, on_map)
-        motion = LiveOdometry(session.tap, parameters, settings.odometry)
+        motion = _motion(rig, stereo_rig, session, options)
         mapper = LiveMapper(
             stereo_rig,
             motion,
@@ -121,6 +126,20 @@ def live_run(
     if error is not None:
         raise error
     return summary
+
+
+def _motion(
+    rig: LiveRig, stereo_rig: StereoRig, session: Session, options: LiveOptions
+) -> AnyMotion:
+    """The motion that is asked for, from the devices that are open."""
+    settings = options.settings
+    if options.motion == "visual":
+        return looking(stereo_rig, None, settings, options.seed)
+    assert session.tap is not None
+    wheels = LiveOdometry(session.tap, rig.wheels()[1], settings.odometry)
+    if options.motion == "fused":
+        return looking(stereo_rig, wheels, settings, options.seed)
+    return wheels
 
 
 def _watch(
