@@ -14,7 +14,7 @@ import numpy as np
 from pipeline.recordings.base import DamagedFrameError, Pair
 from stereo.errors import StereoError
 from stereo.pair_check import RIGHT_COVERED, check_pair
-from stereo.ranger import StereoRanger
+from stereo.ranger import StereoFrame, StereoRanger
 from stereo.scan import RangeScan
 
 UNREADABLE = "unreadable pair"
@@ -28,7 +28,8 @@ class Observation:
     """What one pair yields: a scan, or the reason why it yields nothing.
 
     kind: of what is wrong, damage: with whose names; brightness: mean of the left image over that
-    of the right one; points (n, 3) m on the robot and colours (n, 3) uint8 RGB: of key frames.
+    of the right one; points (n, 3) m on the robot and colours (n, 3) uint8 RGB: of key frames;
+    frame: what the scan was made from, for those who want to see it.
     """
 
     scan: RangeScan | None
@@ -39,6 +40,7 @@ class Observation:
     colours: np.ndarray | None = None
     seconds_reading: float = 0.0
     seconds_stereo: float = 0.0
+    frame: StereoFrame | None = None
 
 
 def observe(files: Pair, ranger: StereoRanger, key_frame: bool) -> Observation:
@@ -63,6 +65,7 @@ def observe(files: Pair, ranger: StereoRanger, key_frame: bool) -> Observation:
         colours=colours,
         seconds_reading=read - start,
         seconds_stereo=time.perf_counter() - read,
+        frame=frame,
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from mapping.known_map import KnownMap
 from odometry.walk import LEAP, leaps
@@ -18,6 +18,19 @@ from pipeline.run import Interrupted, MapRun, Progress, map_recording
 from pipeline.run_log import map_log
 from pipeline.settings import Settings
 from pipeline.trajectory import Trajectory, read_tum
+from pipeline.watcher import NOBODY, Watcher
+
+
+class Mapping(Protocol):
+    """Does the work; see `map_recording`."""
+
+    def __call__(
+        self,
+        progress: Progress,
+        interrupted: Interrupted,
+        known: Observations,
+        watcher: Watcher = NOBODY,
+    ) -> MapRun: ...
 
 
 @dataclass(frozen=True)
@@ -29,7 +42,7 @@ class Job:
     """
 
     unit: str
-    run: Callable[[Progress, Interrupted, Observations], MapRun]
+    run: Mapping
     facts: Callable[[], dict[str, Any]]
     notes: list[str]
     skipped: dict[str, list[str]]
@@ -56,10 +69,14 @@ def recording_job(
         notes += more
     source = motion_of(motion, recording, rig, settings, seed)
 
-    def run(progress: Progress, interrupted: Interrupted, known: Observations) -> MapRun:
-        return map_recording(
-            recording, rig, source, settings, seed, threads, progress, interrupted, known, begin
-        )
+    def run(
+        progress: Progress,
+        interrupted: Interrupted,
+        known: Observations,
+        watcher: Watcher = NOBODY,
+    ) -> MapRun:
+        how = (settings, seed, threads, progress, interrupted, known, begin, watcher)
+        return map_recording(recording, rig, source, *how)
 
     def facts() -> dict[str, Any]:
         return {
@@ -101,17 +118,17 @@ def log_job(log: ScanLog, settings: Settings, seed: int, begin: KnownMap | None 
             "truth": str(log.truth_file) if log.truth_file else None,
         }
 
+    def run(
+        progress: Progress,
+        interrupted: Interrupted,
+        known: Observations,
+        watcher: Watcher = NOBODY,
+    ) -> MapRun:
+        del known  # scans are read quickly
+        return map_log(log, settings, seed, progress, interrupted, begin, watcher)
+
     truth = read_tum(log.truth_file) if log.truth_file else None
-    return Job(
-        "scans",
-        lambda progress, interrupted, known: map_log(
-            log, settings, seed, progress, interrupted, begin
-        ),
-        facts,
-        notes,
-        log.skipped,
-        truth,
-    )
+    return Job("scans", run, facts, notes, log.skipped, truth)
 
 
 def _told(stages: dict[str, dict[str, Any]]) -> str:

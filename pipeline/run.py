@@ -21,9 +21,11 @@ from pipeline.errors import InputError
 from pipeline.frontend import UNREADABLE, Observation, ahead, observe
 from pipeline.health import REMEDIES
 from pipeline.motion_told import told
+from pipeline.places import Place
 from pipeline.recordings.base import DamagedFrameError, Pair, Recording, image_size
 from pipeline.seeing import AnyMotion, LoadedPair, moved
 from pipeline.settings import Settings
+from pipeline.watcher import NOBODY, Moment, Watcher
 from stereo.errors import StereoError
 from stereo.pair_check import check_pair
 from stereo.ranger import StereoRanger
@@ -55,7 +57,8 @@ class MapRun:
     """All that a run found out; `pipeline.results` writes it down.
 
     unit: what the input consists of; key_frames: None where there are no images; brightness: of
-    each observation, the left image over the right one; told: what the motion's source has to say.
+    each observation, the left image over the right one; told: what the motion's source has to say;
+    places: marked by somebody who watched.
     """
 
     mapper: HierarchicalMapper
@@ -66,6 +69,7 @@ class MapRun:
     brightness: list[float] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=lambda: defaultdict(float))
     told: list[str] = field(default_factory=list)
+    places: list[Place] = field(default_factory=list)
     partial: bool = False
 
     @property
@@ -112,11 +116,12 @@ def map_recording(
     interrupted: Interrupted = lambda: False,
     known: Observations = NOTHING,
     begin: KnownMap | None = None,
+    watcher: Watcher = NOBODY,
 ) -> MapRun:
     """Map a recording; `progress` and `interrupted` as in `MapRun.each`.
 
     known: what was seen in a run before, which need not be looked at again. begin: a map to go on
-    in.
+    in. watcher: who looks on.
 
     Raises:
         InputError: images and rig do not fit, or no pair can be used.
@@ -127,6 +132,7 @@ def map_recording(
     check_images(recording, rig, ranger)
     mapper = HierarchicalMapper(settings.mapping, seed, begin)
     run = MapRun(mapper)
+    watcher.begins(run, ranger)
 
     def work(step: Step) -> Observation | None:
         if not step.due:
@@ -141,6 +147,7 @@ def map_recording(
         if seen is not None:
             known.add(step.pair.stamp, seen)
         take(step, seen, run)
+        show(step, seen, run, watcher)
     if not run.counts["observations"] and not run.partial:
         raise InputError(f"{recording.path}: none of {total} pairs could be used: {_why(run)}")
     mapper.finish()
@@ -194,6 +201,14 @@ def take(step: Step, seen: Observation | None, run: MapRun) -> None:
     run.mapper.observe(seen.scan)
     if run.key_frames is not None and seen.points is not None and seen.colours is not None:
         run.key_frames.append(KeyFrame(len(run.mapper.stamps) - 1, seen.points, seen.colours))
+
+
+def show(step: Step, seen: Observation | None, run: MapRun, watcher: Watcher) -> None:
+    """Show a watcher what `take` made of a pair, where it has a pose."""
+    if step.motion is not None:
+        mapper = run.mapper
+        maps = len(mapper.filter.health)
+        watcher.mapped(Moment(step.pair.stamp, step.pair, seen, mapper.pose, maps))
 
 
 def _skip(run: MapRun, kind: str, damage: str) -> None:
