@@ -37,11 +37,13 @@ class Mapping(Protocol):
 class Job:
     """A run to be made.
 
-    unit: what the input consists of; notes: what the user must hear before; skipped: what was
-    passed over when the input was opened; facts(): what run.json says of it, asked afterwards.
+    unit: what the input consists of; total: how many of them; notes: what the user must hear
+    before; skipped: what was passed over when the input was opened; facts(): what run.json says of
+    it, asked afterwards.
     """
 
     unit: str
+    total: int
     run: Mapping
     facts: Callable[[], dict[str, Any]]
     notes: list[str]
@@ -86,7 +88,7 @@ def recording_job(
             "odometry": source.report(),
         }
 
-    return Job("pairs", run, facts, notes, recording.skipped, recording.poses)
+    return Job("pairs", len(recording.pairs), run, facts, notes, recording.skipped, recording.poses)
 
 
 def log_job(log: ScanLog, settings: Settings, seed: int, begin: KnownMap | None = None) -> Job:
@@ -128,7 +130,7 @@ def log_job(log: ScanLog, settings: Settings, seed: int, begin: KnownMap | None 
         return map_log(log, settings, seed, progress, interrupted, begin, watcher)
 
     truth = read_tum(log.truth_file) if log.truth_file else None
-    return Job("scans", run, facts, notes, log.skipped, truth)
+    return Job("scans", len(log), run, facts, notes, log.skipped, truth)
 
 
 def _told(stages: dict[str, dict[str, Any]]) -> str:

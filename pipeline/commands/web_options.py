@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
+from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 import click
@@ -13,6 +15,7 @@ from pipeline.errors import InputError
 
 if TYPE_CHECKING:
     from pipeline.web.hub import Page
+    from pipeline.web.run_state import RunState
     from pipeline.web.server import WebServer
 
 F = TypeVar("F", bound=Callable[..., object])
@@ -52,12 +55,34 @@ def check_web(web: bool, host: str | None, port: int | None) -> None:
 
 
 @contextmanager
-def served(
-    page: Page, host: str | None, port: int | None, tell: Callable[[str], None]
-) -> Iterator[WebServer]:
+def served(page: Page, host: str | None, port: int | None) -> Iterator[WebServer]:
     """The page in a thread of its own; its address is printed on standard error."""
     from pipeline.web.server import WebServer
+
+    def tell(text: str) -> None:
+        click.echo(f"note: {text}", err=True)
 
     with WebServer(page, host, port, tell) as server:
         click.echo(f"page: {server.url}", err=True)
         yield server
+
+
+@contextmanager
+def watched(
+    web: bool,
+    host: str | None,
+    port: int | None,
+    name: str,
+    output: Path | None,
+    stop: threading.Event,
+) -> Iterator[RunState | None]:
+    """What to tell about the run called `name`, whose map is saved in `output`, so that it is seen
+    on a page; None where none is wanted. stop: set by a viewer."""
+    if not web:
+        yield None
+        return
+    from pipeline.web.run_page import RunPage
+
+    page = RunPage(name, output, stop)
+    with served(page, host, port):
+        yield page.state

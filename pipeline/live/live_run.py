@@ -118,7 +118,7 @@ def live_run(
             options.begin,
             watcher,
         )
-        session.sinks += [mapper.offer, watcher.captured]
+        session.sinks += [watcher.captured, mapper.offer]
         mapper.start()
         session.start()
         try:
