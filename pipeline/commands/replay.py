@@ -130,6 +130,6 @@ def _replay(
             saver.close()
     if output is not None:
         facts = {"input": request.input, **job.facts(), "seed": request.seed, "notes": job.notes}
-        save_results(output, run, settings, facts)
+        save_results(output, run, settings, facts, job.truth)
         click.echo(f"results: {output}{os.sep}", err=True)
     state.ended(run)

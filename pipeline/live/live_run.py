@@ -41,6 +41,7 @@ from pipeline.rig import NO_MOUNT
 from pipeline.run import MapRun
 from pipeline.seeing import AnyMotion
 from pipeline.settings import Settings
+from pipeline.trajectory import Trajectory
 from pipeline.watcher import NOBODY, Watcher
 
 STATUS_EVERY = 1.0  # s
@@ -192,7 +193,11 @@ def _spread(seconds: list[float]) -> dict[str, float]:
 
 
 def save_results(
-    output: Path, run: MapRun, settings: Settings, facts: dict[str, Any]
+    output: Path,
+    run: MapRun,
+    settings: Settings,
+    facts: dict[str, Any],
+    truth: Trajectory | None = None,
 ) -> dict[str, Any]:
     """All result files, each in place of an earlier one, run.json last.
 
@@ -202,7 +207,7 @@ def save_results(
     shutil.rmtree(partial, ignore_errors=True)
     try:
         partial.mkdir()
-        summary = write_results(partial, run, settings, None, facts)
+        summary = write_results(partial, run, settings, truth, facts)
         replace_files(partial, output, "run.json")
     except OSError as error:
         raise InputError(

@@ -83,16 +83,20 @@ class Status:
         silent, skew = camera.silence(), camera.report().skew_ms[1]
         found = {
             "cameras": f"no image for {silent:.0f} s" if silent > SILENT else "",
-            "left with right": f"left and right {skew:.0f} ms apart" if skew > SKEW_MS else "",
+            "left and right in step": f"left and right {skew:.0f} ms apart"
+            if skew > SKEW_MS
+            else "",
         }
         if encoders is not None:
             found["wheels"] = "" if self.rates["readings"] else "no reading of the encoders"
             if not encoders.connected:
                 found["wheels"] = "encoders lost"
-        found["disk"] = "pairs are lost: the disk is too slow" if self.rates["lost"] else ""
+        found["disk keeps up"] = (
+            "pairs are lost: the disk is too slow" if self.rates["lost"] else ""
+        )
         if self._mapper is not None:
             late = self.rates["skipped"] > 0
-            found["processor"] = "mapping is late: pairs are skipped" if late else ""
+            found["mapping keeps up"] = "mapping is late: pairs are skipped" if late else ""
             found |= mapping_checks(self._mapper.mapper)
         return found
 
@@ -103,7 +107,10 @@ def mapping_figures(mapper: HierarchicalMapper) -> dict[str, str]:
     found = {"local maps": str(len(health))}
     if health:
         share = health[-1].n_eff / mapper.settings.particles
-        found |= {"N_eff": f"{share:.0%}", "columns that answered": f"{health[-1].answered:.0%}"}
+        found |= {
+            "particles that agree (N_eff)": f"{share:.0%}",
+            "columns that answered": f"{health[-1].answered:.0%}",
+        }
     return found
 
 
@@ -113,6 +120,6 @@ def mapping_checks(mapper: HierarchicalMapper) -> dict[str, str]:
     few = bool(health) and health[-1].answered < FEW_COLUMNS
     lost = bool(health) and health[-1].n_eff < FEW_PARTICLES * mapper.settings.particles
     return {
-        "sight": "few columns answer: more light or texture" if few else "",
-        "particles": "few particles agree" if lost else "",
+        "enough is seen": "few columns answer: more light or texture" if few else "",
+        "particles agree": "few particles agree" if lost else "",
     }

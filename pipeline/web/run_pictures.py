@@ -17,7 +17,7 @@ import numpy as np
 
 from calibration.rig import Mount, StereoRig
 from mapping.grid import OccupancyGrid
-from mapping.local_map import draw
+from mapping.local_map import draw_thinned
 from mapping.sensor_model import SensorModel, probability
 from mapping.settings import MappingSettings
 from odometry.motion import compose, inverse
@@ -151,7 +151,7 @@ def local_map(
     last = inverse(window[-1][0])
     scans = [scan for _, scan in window]
     sensors = np.array([compose(compose(last, pose), np.array(s.origin)) for pose, s in window])
-    log_odds, _, origin = draw(scans, sensors, settings.cell, SensorModel.of(settings))
+    log_odds, _, origin = draw_thinned(scans, sensors, settings, SensorModel.of(settings))
     return OccupancyGrid(probability(log_odds).astype(np.float32), origin, settings.cell)
 
 
