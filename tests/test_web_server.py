@@ -30,6 +30,12 @@ def serving(page: Counter | None = None, host: str | None = None) -> Iterator[We
         yield running
 
 
+@pytest.fixture(autouse=True)
+def often(monkeypatch) -> None:
+    """News come more often than to people."""
+    monkeypatch.setattr(hub, "RATE", 20.0)
+
+
 @pytest.fixture(scope="module")
 def running() -> Iterator[WebServer]:
     """A server that no test harms."""

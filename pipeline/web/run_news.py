@@ -54,7 +54,7 @@ class RunNews:
             "checks": list(state.checks.items()),
             "notes": list(state.notes),
             "cameras": state.ranger is not None,
-            "farthest": state.ranger.max_range if state.ranger else state.settings.max_range,
+            "farthest": state.ranger.max_range if state.ranger else None,
         }
         if self._sent.get("run") != values:
             self._sent["run"] = values

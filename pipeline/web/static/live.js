@@ -32,8 +32,9 @@ function showRun(values) {
   element("name").textContent = run.name;
   document.title = `${run.name}: ${PHASES[run.phase] ?? "beemap"}`;
   for (const card of ["camera-card", "depth-card"]) element(card).hidden = !run.cameras;
-  element("half").textContent = `${(run.farthest / 2).toFixed(1)} m`;
-  element("farthest").textContent = `${run.farthest.toFixed(1)} m`;
+  const metres = (value) => (value ? `${value.toFixed(1)} m` : "");
+  element("half").textContent = metres(run.farthest / 2);
+  element("farthest").textContent = metres(run.farthest);
   element("checks").replaceChildren(
     ...run.checks.map(([name, wrong]) => made("li", wrong || name, wrong ? "bad" : "")));
   element("figures").replaceChildren(...run.figures.map(([name, value]) => {
