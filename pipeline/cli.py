@@ -14,6 +14,7 @@ COMMANDS = {
     "map": ("map:map_command", "Map a recording or a scan log: map and path out."),
     "batch": ("batch:batch_command", "Map many recordings, on all cores or a cluster."),
     "live": ("live:live_command", "Map while the robot drives."),
+    "replay": ("replay:replay_command", "Watch a recording being mapped, in the browser."),
     "doctor": ("doctor:doctor_command", "Look whether everything is ready for a live run."),
     "record": ("record:record_command", "Record cameras and encoders."),
     "info": ("info:info_command", "Say what a recording or a scan log holds."),

@@ -74,6 +74,13 @@ def check_target(target: Path, force: bool) -> None:
         )
 
 
+def check_output(recording: Path, output: Path, force: bool) -> None:
+    """As `check_target`, and refuse a folder for results that holds what they are made from."""
+    check_target(output, force)
+    if output.exists() and recording.resolve().is_relative_to(output.resolve()):
+        raise InputError(f"{output}: holds the recording: choose another folder for the results")
+
+
 def replace_files(partial: Path, folder: Path, last: str) -> None:
     """Move the files of `partial` into `folder`, each in place of an old one; `last` at the end."""
     for file in sorted(partial.iterdir(), key=lambda file: file.name == last):

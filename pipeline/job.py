@@ -21,7 +21,6 @@ from pipeline.run import (
     Interrupted,
     MapRun,
     Progress,
-    Watch,
     look,
     make_ranger,
     map_recording,
@@ -29,6 +28,7 @@ from pipeline.run import (
 from pipeline.run_log import look_at_log, map_log
 from pipeline.settings import Settings
 from pipeline.trajectory import Trajectory, read_tum
+from pipeline.watcher import NOBODY, Watcher
 from stereo.scan import RangeScan
 
 
@@ -40,7 +40,7 @@ class Run(Protocol):
         progress: Progress,
         interrupted: Interrupted,
         known: Observations,
-        watch: Watch | None = None,
+        watcher: Watcher = NOBODY,
     ) -> MapRun: ...
 
 
@@ -56,13 +56,15 @@ class Look(NamedTuple):
 class Job:
     """A run to be made.
 
-    unit: what the input consists of; opened: that input; rig: with which it is read, None for
-    logs; notes: what the user must hear before; skipped: what was passed over when the input was
-    opened; facts(): what run.json says of it, asked afterwards; looks(): all that the mapper
-    would be given, without mapping; run and looks use the motion up: one of them, once.
+    unit: what the input consists of; total: how many of them; opened: that input; rig: with which
+    it is read, None for logs; notes: what the user must hear before; skipped: what was passed over
+    when the input was opened; facts(): what run.json says of it, asked afterwards; looks(): all
+    that the mapper would be given, without mapping; run and looks use the motion up: one of them,
+    once.
     """
 
     unit: str
+    total: int
     opened: Recording | ScanLog
     rig: StereoRig | None
     run: Run
@@ -97,10 +99,10 @@ def recording_job(
         progress: Progress,
         interrupted: Interrupted,
         known: Observations,
-        watch: Watch | None = None,
+        watcher: Watcher = NOBODY,
     ) -> MapRun:
-        done = (progress, interrupted, known, begin, watch)
-        return map_recording(recording, rig, source, settings, seed, threads, *done)
+        how = (settings, seed, threads, progress, interrupted, known, begin, watcher)
+        return map_recording(recording, rig, source, *how)
 
     def looks() -> Iterator[Look]:
         ranger = make_ranger(rig, settings)
@@ -116,7 +118,16 @@ def recording_job(
         }
 
     return Job(
-        "pairs", recording, rig, run, looks, facts, notes, recording.skipped, recording.poses
+        "pairs",
+        len(recording.pairs),
+        recording,
+        rig,
+        run,
+        looks,
+        facts,
+        notes,
+        recording.skipped,
+        recording.poses,
     )
 
 
@@ -153,17 +164,17 @@ def log_job(log: ScanLog, settings: Settings, seed: int, begin: KnownMap | None 
         progress: Progress,
         interrupted: Interrupted,
         known: Observations,
-        watch: Watch | None = None,
+        watcher: Watcher = NOBODY,
     ) -> MapRun:
         del known  # a log is read faster than a checkpoint
-        return map_log(log, settings, seed, progress, interrupted, begin, watch)
+        return map_log(log, settings, seed, progress, interrupted, begin, watcher)
 
     def looks() -> Iterator[Look]:
         for motion, scan in look_at_log(log, gate_of(settings.mapping), settings):
             yield Look(motion.last, motion, scan)
 
     truth = read_tum(log.truth_file) if log.truth_file else None
-    return Job("scans", log, None, run, looks, facts, notes, log.skipped, truth)
+    return Job("scans", len(log), log, None, run, looks, facts, notes, log.skipped, truth)
 
 
 def _told(stages: dict[str, dict[str, Any]]) -> str:

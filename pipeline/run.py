@@ -21,9 +21,11 @@ from pipeline.errors import InputError
 from pipeline.frontend import UNREADABLE, Observation, ahead, observe
 from pipeline.health import REMEDIES
 from pipeline.motion_told import told
+from pipeline.places import Place
 from pipeline.recordings.base import DamagedFrameError, Pair, Recording, image_size
 from pipeline.seeing import AnyMotion, LoadedPair, moved
 from pipeline.settings import Settings
+from pipeline.watcher import NOBODY, Moment, Watcher
 from stereo.errors import StereoError
 from stereo.pair_check import check_pair
 from stereo.ranger import StereoRanger
@@ -39,8 +41,6 @@ T = TypeVar("T")
 
 Progress = Callable[[int, int], None]
 Interrupted = Callable[[], bool]
-# (run, stamp, seen) after every pair or scan; seen: what was observed in it, where it was due.
-Watch = Callable[["MapRun", int, Observation | None], None]
 
 
 @dataclass
@@ -57,7 +57,8 @@ class MapRun:
     """All that a run found out; `pipeline.results` writes it down.
 
     unit: what the input consists of; key_frames: None where there are no images; brightness: of
-    each observation, the left image over the right one; told: what the motion's source has to say.
+    each observation, the left image over the right one; told: what the motion's source has to say;
+    places: marked by somebody who watched.
     """
 
     mapper: HierarchicalMapper
@@ -68,6 +69,7 @@ class MapRun:
     brightness: list[float] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=lambda: defaultdict(float))
     told: list[str] = field(default_factory=list)
+    places: list[Place] = field(default_factory=list)
     partial: bool = False
 
     @property
@@ -114,12 +116,12 @@ def map_recording(
     interrupted: Interrupted = lambda: False,
     known: Observations = NOTHING,
     begin: KnownMap | None = None,
-    watch: Watch | None = None,
+    watcher: Watcher = NOBODY,
 ) -> MapRun:
     """Map a recording; `progress` and `interrupted` as in `MapRun.each`.
 
     known: what was seen in a run before, which need not be looked at again. begin: a map to go on
-    in. watch: is shown how the run goes, images included.
+    in. watcher: who looks on; is shown images, too.
 
     Raises:
         InputError: images and rig do not fit, or no pair can be used.
@@ -130,15 +132,15 @@ def map_recording(
     check_images(recording, rig, ranger)
     mapper = HierarchicalMapper(settings.mapping, seed, begin)
     run = MapRun(mapper)
+    watcher.begins(run, ranger)
 
     total = len(recording.pairs)
-    looks = look(recording, ranger, mapper.gate, motion, threads, known, watch is not None)
+    looks = look(recording, ranger, mapper.gate, motion, threads, known, watcher is not NOBODY)
     for step, seen in run.each(looks, total, progress, interrupted):
         if seen is not None:
             known.add(step.pair.stamp, seen)
         take(step, seen, run)
-        if watch is not None:
-            watch(run, step.pair.stamp, seen)
+        show(step, seen, run, watcher)
     if not run.counts["observations"] and not run.partial:
         raise InputError(f"{recording.path}: none of {total} pairs could be used: {_why(run)}")
     mapper.finish()
@@ -216,6 +218,14 @@ def take(step: Step, seen: Observation | None, run: MapRun) -> None:
     run.mapper.observe(seen.scan)
     if run.key_frames is not None and seen.points is not None and seen.colours is not None:
         run.key_frames.append(KeyFrame(len(run.mapper.stamps) - 1, seen.points, seen.colours))
+
+
+def show(step: Step, seen: Observation | None, run: MapRun, watcher: Watcher) -> None:
+    """Show a watcher what `take` made of a pair, where it has a pose."""
+    if step.motion is not None:
+        mapper = run.mapper
+        maps = len(mapper.filter.health)
+        watcher.mapped(Moment(step.pair.stamp, step.pair, seen, mapper.pose, maps))
 
 
 def _skip(run: MapRun, kind: str, damage: str) -> None:

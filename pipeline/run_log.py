@@ -11,8 +11,9 @@ from odometry.motion import Motion
 from odometry.walk import walk
 from pipeline.frontend import Observation
 from pipeline.recordings.scan_log import ScanLog
-from pipeline.run import Interrupted, MapRun, Progress, Watch
+from pipeline.run import Interrupted, MapRun, Progress
 from pipeline.settings import Settings
+from pipeline.watcher import NOBODY, Moment, Watcher
 from stereo.scan import RangeScan
 
 
@@ -23,16 +24,17 @@ def map_log(
     progress: Progress = lambda done, total: None,
     interrupted: Interrupted = lambda: False,
     begin: KnownMap | None = None,
-    watch: Watch | None = None,
+    watcher: Watcher = NOBODY,
 ) -> MapRun:
     """Map a scan log; `progress` and `interrupted` as in `MapRun.each`; begin: a map to go on in;
-    watch: is shown how the run goes.
+    watcher: who looks on.
 
     Every scan gets a pose, in the order of the file; those that the gate lets through are seen
     by the mapper.
     """
     mapper = HierarchicalMapper(settings.mapping, seed, begin)
     run = MapRun(mapper, unit="scans", key_frames=None)
+    watcher.begins(run, None)
     looks = look_at_log(log, mapper.gate, settings)
     for motion, scan in run.each(looks, len(log), progress, interrupted):
         mapper.move(motion)
@@ -40,8 +42,9 @@ def map_log(
         if scan is not None:
             run.counts["observations"] += 1
             mapper.observe(scan)
-        if watch is not None:
-            watch(run, motion.last, None if scan is None else Observation(scan))
+        seen = None if scan is None else Observation(scan)
+        maps = len(mapper.filter.health)
+        watcher.mapped(Moment(motion.last, None, seen, mapper.pose, maps))
     mapper.finish()
     return run
 

@@ -107,7 +107,7 @@ def map_command(
     name, .tum) comes along. Ctrl-C ends the run early with the results so far; --resume goes on.
     """
     from pipeline.checkpoint import Checkpoint
-    from pipeline.folders import remove_remains
+    from pipeline.folders import check_output, remove_remains
     from pipeline.map_request import MapRequest, Ticks, checkpoint_of, parse_begin, resumed
 
     threads = threads or os.cpu_count() or 1
@@ -124,7 +124,7 @@ def map_command(
         raise click.UsageError("Missing argument 'INPUT'")
     if output is None:
         raise click.UsageError("Missing option '-o'")
-    _check_output(recording, output, force)
+    check_output(recording, output, force)
     if method is not None:
         overrides = (*overrides, f"mapping.method={method}")
     table = Ticks(str(ticks), ticks_columns, ticks_unit, ticks_offset) if ticks else None
@@ -135,14 +135,6 @@ def map_command(
     asked = request.complete(settings)
     with Checkpoint.start(checkpoint_of(output), msgspec.to_builtins(asked)) as checkpoint:
         _map(request, job, settings, checkpoint, output, threads, force, quiet)
-
-
-def _check_output(recording: Path, output: Path, force: bool) -> None:
-    from pipeline.folders import check_target
-
-    check_target(output, force)
-    if output.exists() and recording.resolve().is_relative_to(output.resolve()):
-        raise InputError(f"{output}: holds the recording: choose another folder for the results")
 
 
 def _map(

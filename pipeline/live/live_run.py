@@ -30,7 +30,7 @@ from pipeline.errors import InputError
 from pipeline.folders import check_target, replace_files
 from pipeline.live.capture import Session, capture
 from pipeline.live.devices import LiveRig
-from pipeline.live.events import OnMap, OnPose
+from pipeline.live.events import MapEvent, OnMap, OnPose
 from pipeline.live.map_saver import MapSaver
 from pipeline.live.mapping_thread import LiveMapper
 from pipeline.live.status import Status
@@ -41,6 +41,8 @@ from pipeline.rig import NO_MOUNT
 from pipeline.run import MapRun
 from pipeline.seeing import AnyMotion
 from pipeline.settings import Settings
+from pipeline.trajectory import Trajectory
+from pipeline.watcher import NOBODY, Watcher
 
 STATUS_EVERY = 1.0  # s
 TICK = 0.05  # s between looks at what the threads do
@@ -50,7 +52,7 @@ TICK = 0.05  # s between looks at what the threads do
 class LiveOptions:
     """settings, seed: as of `map`; duration: ends by itself after so many seconds; stop: ends it
     when set; known: where observations are kept for `--resume`; facts: for run.json; begin: a map
-    to go on in; motion: "encoders", "visual" or "fused"."""
+    to go on in; motion: "encoders", "visual" or "fused"; watcher: who looks on."""
 
     settings: Settings
     seed: int = 1
@@ -60,6 +62,7 @@ class LiveOptions:
     facts: dict[str, Any] = field(default_factory=dict)
     begin: KnownMap | None = None
     motion: str = "encoders"
+    watcher: Watcher = NOBODY
 
 
 def _ignore(*_: object) -> None:
@@ -94,10 +97,15 @@ def live_run(
         from calibration.rig import Mount
 
         stereo_rig = stereo_rig.with_mount(Mount())
-    settings = options.settings
+    settings, watcher = options.settings, options.watcher
+
+    def saved(event: MapEvent) -> None:
+        on_map(event)
+        watcher.saved(event)
+
     warm_up(stereo_rig, settings, looks=options.motion in LOOKING)
     with capture(rig, recording, settings.odometry, tell) as session:
-        saver = MapSaver(output, on_map)
+        saver = MapSaver(output, saved)
         motion = _motion(rig, stereo_rig, session, options)
         mapper = LiveMapper(
             stereo_rig,
@@ -109,8 +117,9 @@ def live_run(
             on_pose,
             session.note,
             options.begin,
+            watcher,
         )
-        session.sinks.append(mapper.offer)
+        session.sinks += [watcher.captured, mapper.offer]
         mapper.start()
         session.start()
         try:
@@ -122,6 +131,7 @@ def live_run(
     facts = {**options.facts, "odometry": motion.report(), **_counts(session, mapper, saver)}
     run.seconds["total"] = time.perf_counter() - begin
     summary = save_results(output, run, settings, facts)
+    watcher.ended(run)
     error = mapper.error or (InputError(session.recorder.error) if session.recorder.error else None)
     if error is not None:
         raise error
@@ -183,7 +193,11 @@ def _spread(seconds: list[float]) -> dict[str, float]:
 
 
 def save_results(
-    output: Path, run: MapRun, settings: Settings, facts: dict[str, Any]
+    output: Path,
+    run: MapRun,
+    settings: Settings,
+    facts: dict[str, Any],
+    truth: Trajectory | None = None,
 ) -> dict[str, Any]:
     """All result files, each in place of an earlier one, run.json last.
 
@@ -193,7 +207,7 @@ def save_results(
     shutil.rmtree(partial, ignore_errors=True)
     try:
         partial.mkdir()
-        summary = write_results(partial, run, settings, None, facts)
+        summary = write_results(partial, run, settings, truth, facts)
         replace_files(partial, output, "run.json")
     except OSError as error:
         raise InputError(

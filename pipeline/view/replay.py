@@ -13,10 +13,12 @@ import rerun as rr
 from pipeline.checkpoint import NOTHING
 from pipeline.frontend import Observation
 from pipeline.job import Job
-from pipeline.run import Interrupted, MapRun, make_ranger
+from pipeline.run import Interrupted, MapRun
 from pipeline.run_folder import RunFolder
 from pipeline.trajectory import Trajectory, read_tum
 from pipeline.view import entities
+from pipeline.watcher import Moment, Watcher
+from stereo.ranger import StereoRanger
 
 TIME = "time"
 # So many maps are shown on the way: a map is the largest thing there is.
@@ -24,6 +26,27 @@ MAPS = 60
 # Numbers of a health line that are drawn.
 DRAWN = ("n_eff", "matched_share", "columns_answered")
 SAME = 1e-6  # m, what a path loses in its file
+
+
+class Onlooker(Watcher):
+    """Passes on what a run shows."""
+
+    def __init__(self, shown: Shown) -> None:
+        self._shown = shown
+        self._run: MapRun | None = None
+        self._depth: float | None = None
+        self._maps = 0
+
+    def begins(self, run: MapRun, ranger: StereoRanger | None) -> None:
+        """As of `Watcher`."""
+        self._run = run
+        self._depth = None if ranger is None else ranger.camera.depth_factor
+
+    def mapped(self, moment: Moment) -> None:
+        """As of `Watcher`."""
+        assert self._run is not None
+        closed, self._maps = moment.local_maps > self._maps, moment.local_maps
+        self._shown.mapped(moment, self._run, self._depth, closed)
 
 
 class Shown:
@@ -62,24 +85,17 @@ class Shown:
         self, job: Job, progress: Callable[[int, int], None], interrupted: Interrupted
     ) -> float:
         """The run, made again; how far its path is from the one in the folder [m]."""
-        depth = None
-        if job.rig is not None:
-            depth = make_ranger(job.rig, self._run.settings).camera.depth_factor
-        closed = 0
+        return self._finish(job.run(progress, interrupted, NOTHING, Onlooker(self)))
 
-        def watch(run: MapRun, stamp: int, seen: Observation | None) -> None:
-            nonlocal closed
-            self._at(stamp)
-            if len(run.mapper.stamps):
-                self._log("world/robot", entities.robot(run.mapper.pose))
-            if seen is not None:
-                self._observed(seen, depth)
-            if len(run.mapper.filter.health) > closed:
-                closed = len(run.mapper.filter.health)
-                self._closed(run)
-
-        run = job.run(progress, interrupted, NOTHING, watch)
-        return self._finish(run)
+    def mapped(self, moment: Moment, run: MapRun, depth: float | None, closed: bool) -> None:
+        """A pair or scan was taken in; depth: of a disparity of 1 px [m]; closed: a local map was
+        ended by it."""
+        self._at(moment.stamp)
+        self._log("world/robot", entities.robot(moment.pose))
+        if moment.seen is not None:
+            self._observed(moment.seen, depth)
+        if closed:
+            self._closed(run)
 
     def _observed(self, seen: Observation, depth: float | None) -> None:
         if seen.scan is None:
