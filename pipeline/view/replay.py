@@ -36,7 +36,7 @@ class Shown:
         self._truth = read_tum(truth) if truth.is_file() else None
         self._log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         self._log("world/robot/heading", entities.heading(), static=True)
-        self._maps = 0
+        self._maps = 0  # local maps shown
         self._every = max(1, math.ceil(int(run.facts.get("local_maps", 0)) / MAPS))
 
     def folder(self) -> None:
@@ -65,21 +65,18 @@ class Shown:
         depth = None
         if job.rig is not None:
             depth = make_ranger(job.rig, self._run.settings).camera.depth_factor
-        closed = 0
 
         def watch(run: MapRun, stamp: int, seen: Observation | None) -> None:
-            nonlocal closed
             self._at(stamp)
             if len(run.mapper.stamps):
                 self._log("world/robot", entities.robot(run.mapper.pose))
             if seen is not None:
                 self._observed(seen, depth)
-            if len(run.mapper.filter.health) > closed:
-                closed = len(run.mapper.filter.health)
+            if len(run.mapper.filter.health) > self._maps:
                 self._closed(run)
 
         run = job.run(progress, interrupted, NOTHING, watch)
-        return self._finish(run)
+        return 0.0 if run.partial else self._finish(run)
 
     def _observed(self, seen: Observation, depth: float | None) -> None:
         if seen.scan is None:
@@ -114,6 +111,8 @@ class Shown:
         stamps = np.array(mapper.stamps, np.int64)
         path, kept = mapper.path(), self._run.trajectory
         self._at(int(stamps[-1]))
+        if len(mapper.filter.health) > self._maps:  # the rest of the run, which is a shorter one
+            self._closed(run)
         self._log("world/map", entities.grid_map(mapper.grid()))
         self._log("world/path", entities.path(path, entities.PATH))
         odometry = np.array(mapper.odometry).reshape(-1, 3)
