@@ -167,7 +167,7 @@ def test_without_motion_and_tf_the_user_is_told(changed, tmp_path, beemap):
     done = beemap("import", bag, "-o", tmp_path / "rec")
     assert done.code == 0
     assert "no odometry and no wheels: map finds the motion from the images" in done.err
-    assert "no tf_static leads from the robot to the camera's 'left_optical'" in done.err
+    assert "no tf leads from the robot to the camera's 'left_optical'" in done.err
     assert load_recorded_rig(tmp_path / "rec" / "rig.yaml").mount is None
 
 
@@ -239,6 +239,22 @@ def test_images_that_never_belong_together_are_refused(changed, tmp_path, refuse
     line = refused("import", changed(late), "-o", tmp_path / "rec", "--quiet")
     assert f"{tmp_path / 'rec'}: none of {PAIRS} left and {PAIRS} right images belong" in line
     assert not (tmp_path / "rec").exists()
+
+
+def test_images_of_another_size_than_the_calibration_are_refused(changed, tmp_path, refused):
+    def larger(types: Types, message: Message) -> Iterator[Message]:
+        if message[0].endswith("camera_info"):
+            message[3].width, message[3].height = 640, 480
+        yield message
+
+    line = refused("import", changed(larger), "-o", tmp_path / "rec")
+    assert f"{LEFT}: images of 320x240, the calibration is made for 640x480" in line
+
+
+def test_the_mount_may_stand_on_tf_as_it_once_did(changed, tmp_path, beemap):
+    bag = changed(lambda types, m: iter([("/tf", *m[1:]) if m[0] == "/tf_static" else m]))
+    done = beemap("import", bag, "-o", tmp_path / "rec")
+    assert "mount from tf base_footprint -> left_optical: 0.300 m up" in done.err
 
 
 def test_one_drive_in_several_bags(changed, bags, tmp_path, beemap):

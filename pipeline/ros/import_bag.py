@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from odometry.encoders import EncoderParameters, encoder_parameters, encoder_sec
 from pipeline.errors import InputError
 from pipeline.recordings.asl import LAST_STAMP
 from pipeline.recordings.asl_writer import AslWriter
-from pipeline.ros.bags import BagReader, Message
+from pipeline.ros.bags import BagReader, Message, Topic
 from pipeline.ros.calibration import rig_of
 from pipeline.ros.frames import Frames, yaw_of
 from pipeline.ros.images import DamagedImageError, ImageFiles
@@ -32,6 +33,9 @@ from pipeline.ros.wheels import (
     find_wheels,
     ticks_of,
 )
+from stereo.encoded import decode_image
+
+MOST_TRANSFORMS = 500  # messages of a topic that are looked at for the mount
 
 
 @dataclass(frozen=True)
@@ -76,7 +80,9 @@ def plan(bag: BagReader, name: str, chosen: Chosen, asked: Asked) -> Plan:
     """
     notes: list[str] = []
     rig = _rig(bag, name, chosen, asked, notes)
-    rig = _mounted(bag, rig, chosen, asked, notes)
+    first = bag.first(chosen.left.name)
+    _check_size(chosen.left, first, rig)
+    rig = _mounted(bag, rig, chosen, first, asked, notes)
     joints, parameters = _wheels(bag, rig, chosen, asked, notes)
     if parameters is not None:
         rig = replace(rig, sections={**rig.sections, "encoders": encoder_section(parameters)})
@@ -197,27 +203,42 @@ def _rig(bag: BagReader, name: str, chosen: Chosen, asked: Asked, notes: list[st
     return rig
 
 
+def _check_size(topic: Topic, message: Any, rig: StereoRig) -> None:
+    """Refuse images that the calibration is not made for, before any work."""
+    try:
+        _, data = ImageFiles().file(topic.name, topic.type, message)
+    except (DamagedImageError, AttributeError):  # counted in its turn; there is none
+        return
+    image = decode_image(data)
+    if isinstance(image, np.ndarray) and image.shape[1::-1] != rig.image_size:
+        (height, width), (w, h) = image.shape[:2], rig.image_size
+        raise InputError(
+            f"{topic.name}: images of {width}x{height}, the calibration is made for {w}x{h}: give "
+            "the rig of these images with --rig"
+        )
+
+
 def _mounted(
-    bag: BagReader, rig: StereoRig, chosen: Chosen, asked: Asked, notes: list[str]
+    bag: BagReader, rig: StereoRig, chosen: Chosen, first: Any, asked: Asked, notes: list[str]
 ) -> StereoRig:
-    """The rig with the mount that tf tells, where the rig itself tells none."""
+    """The rig with the mount that tf tells, where the rig itself tells none; first: left image."""
     if rig.mount is not None:
         return rig
     frames = Frames()
-    static = [t.name for t in chosen.transforms if "static" in t.name]
-    for message in bag.messages(static):
-        frames.take(message.content)
-    first = bag.first(chosen.left.name)
+    for topic in sorted(chosen.transforms, key=lambda topic: "static" not in topic.name):
+        # Before there was /tf_static, what stands still was told on /tf again and again.
+        for message in islice(bag.messages([topic.name]), MOST_TRANSFORMS):
+            frames.take(message.content)
     camera = first.header.frame_id if first is not None else ""
     found = frames.mount(camera, asked.base)
     unknown = "its mount is taken as level, 0.3 m up (beemap calibrate mount finds it)"
     if found is None:
         if asked.base is not None:
             raise InputError(
-                f"--base {asked.base}: not above the camera's frame '{camera}' in tf_static "
+                f"--base {asked.base}: not above the camera's frame '{camera}' in tf "
                 f"(above it: {', '.join(frames.above(camera)[1:]) or 'none'})"
             )
-        notes.append(f"no tf_static leads from the robot to the camera's '{camera}': {unknown}")
+        notes.append(f"no tf leads from the robot to the camera's '{camera}': {unknown}")
         return rig
     mount, base = found
     try:  # the checks that a rig file goes through
