@@ -310,6 +310,13 @@ def test_of_a_bag_that_was_cut_off_the_beginning_is_read(small_bags, tmp_path, e
     assert bag.topics["/joint_states"].count == len(found)
 
 
+def test_a_database_that_was_cut_off_says_how_to_mend_it(small_bags, tmp_path):
+    whole = small_bags[".db3"].read_bytes()
+    (tmp_path / "cut.db3").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(InputError, match=r"cut.db3: cannot be read .*sqlite3 BAG.db3 .dump"):
+        read(tmp_path / "cut.db3")
+
+
 def test_a_folder_without_metadata_is_read_by_its_files(small_bags, tmp_path):
     (tmp_path / "bag").mkdir()
     (tmp_path / "bag" / "a.mcap").write_bytes(small_bags[".mcap"].read_bytes())
