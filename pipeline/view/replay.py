@@ -59,7 +59,7 @@ class Shown:
         self._truth = read_tum(truth) if truth.is_file() else None
         self._log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         self._log("world/robot/heading", entities.heading(), static=True)
-        self._maps = 0
+        self._maps = 0  # local maps shown
         self._every = max(1, math.ceil(int(run.facts.get("local_maps", 0)) / MAPS))
 
     def folder(self) -> None:
@@ -85,7 +85,8 @@ class Shown:
         self, job: Job, progress: Callable[[int, int], None], interrupted: Interrupted
     ) -> float:
         """The run, made again; how far its path is from the one in the folder [m]."""
-        return self._finish(job.run(progress, interrupted, NOTHING, Onlooker(self)))
+        run = job.run(progress, interrupted, NOTHING, Onlooker(self))
+        return 0.0 if run.partial else self._finish(run)
 
     def mapped(self, moment: Moment, run: MapRun, depth: float | None, closed: bool) -> None:
         """A pair or scan was taken in; depth: of a disparity of 1 px [m]; closed: a local map was
@@ -130,6 +131,8 @@ class Shown:
         stamps = np.array(mapper.stamps, np.int64)
         path, kept = mapper.path(), self._run.trajectory
         self._at(int(stamps[-1]))
+        if len(mapper.filter.health) > self._maps:  # the rest of the run, which is a shorter one
+            self._closed(run)
         self._log("world/map", entities.grid_map(mapper.grid()))
         self._log("world/path", entities.path(path, entities.PATH))
         odometry = np.array(mapper.odometry).reshape(-1, 3)
