@@ -19,7 +19,7 @@ from calibration.rig import CameraModel, minibee
 from mapping.grid import OccupancyGrid
 from mapping.settings import MappingSettings
 from odometry.motion import compose
-from pipeline.commands import web_options
+from pipeline import extras
 from pipeline.map_files import read_map
 from pipeline.recordings.base import PairFiles
 from pipeline.run import make_ranger
@@ -141,22 +141,22 @@ def test_mistakes_are_one_line(office_piece, tmp_path, refused, monkeypatch):
     assert "--host: belongs to --web" in refused("live", rig, "-o", tmp_path, "--host", "::")
     run = tmp_path / "run"
     run.mkdir()
-    facts = {"input": "gone", "seed": 1, "recording": {}}
-    (run / "run.json").write_text(json.dumps(facts))
-    assert "was made from gone, which is gone" in refused("replay", run, "--web")
-    (run / "run.json").write_text("[]")
-    assert "give the recording" in refused("replay", run, "--web")
+    (run / "run.json").write_text("{}")
+    assert "map.npz" in refused("replay", run, "--web")
+    for name in ("map.npz", "trajectory.tum", "settings.yaml"):
+        (run / name).write_text("{}")
+    assert "made again as it was" in refused("replay", run, "--web", "--seed", 3)
     # A live run's recording lies in its folder, which must not be replaced.
     shutil.copytree(office_piece, run / "recording")
-    (run / "run.json").write_text(json.dumps({**facts, "recording": "moved/recording"}))
-    (run / "settings.yaml").write_text("")
+    request = {"input": "moved", "seed": 1}
+    (run / "run.json").write_text(json.dumps({"request": request}))
     again = ("replay", run, "--web", "-o", run, "--force")
     assert "holds the recording" in refused(*again)
     with server.WebServer(RunPage("x", None, threading.Event()), None, 0, print) as busy:
         line = refused("replay", office_piece, "--web", "--port", busy.port)
         assert f"--port {busy.port}: is taken: " in line
         assert "is free" in line
-    monkeypatch.setattr(web_options, "NEEDS", ("starlette", "not_installed_here"))
+    monkeypatch.setitem(extras.MODULES, "web", ("starlette", "not_installed_here"))
     assert "pip install 'beemap[web]'" in refused("replay", office_piece, "--web")
     assert "pip install 'beemap[web]'" in refused("live", rig, "-o", tmp_path / "o", "--web")
 
