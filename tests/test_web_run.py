@@ -20,6 +20,8 @@ from mapping.grid import OccupancyGrid
 from mapping.settings import MappingSettings
 from odometry.motion import compose
 from pipeline import extras
+from pipeline.commands import web_options
+from pipeline.errors import InputError
 from pipeline.map_files import read_map
 from pipeline.recordings.base import PairFiles
 from pipeline.run import make_ranger
@@ -168,6 +170,24 @@ def test_names_of_places_are_checked():
             page.command("mark", name)
     with pytest.raises(hub.RefusedError, match="-o OUT"):
         page.command("save", "")
+
+
+def test_a_run_that_fails_says_so_on_its_page(tmp_path, capfd):
+    onlookers = []
+
+    def fail() -> None:
+        with web_options.watched(True, None, 0, "run", tmp_path, threading.Event()):
+            address = capfd.readouterr().err.removeprefix("page: ").strip()
+            onlookers.append(Onlooker(address))
+            while not onlookers[0].topics["run"]:
+                pass
+            raise InputError("the left camera: no such device")
+
+    with pytest.raises(InputError):
+        fail()
+    onlookers[0].join()
+    last = onlookers[0].topics["run"][-1].values
+    assert (last["phase"], last["failure"]) == ("failed", "the left camera: no such device")
 
 
 @pytest.fixture(scope="module")

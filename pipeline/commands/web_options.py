@@ -83,4 +83,8 @@ def watched(
 
     page = RunPage(name, output, stop)
     with served(page, host, port):
-        yield page.state
+        try:
+            yield page.state
+        except Exception as error:
+            page.state.failed(str(error))
+            raise
