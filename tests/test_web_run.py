@@ -47,6 +47,7 @@ class Client(threading.Thread):
         self.started = threading.Event()
         self.answers: list[dict] = []
         self.onlooker: Onlooker | None = None
+        monkeypatch.setattr(hub, "RATE", 15.0)
         enter = server.WebServer.__enter__
 
         def entered(web: server.WebServer) -> server.WebServer:
@@ -78,7 +79,7 @@ def test_a_replay_shows_the_run_and_ends_as_the_run(office_piece, tmp_path, beem
     mapped = beemap("map", office_piece, "-o", tmp_path / "run", *FEW, "--seed", 3, "--quiet")
     assert mapped.code == 0, mapped.err
     client = Client(monkeypatch)
-    again = ("replay", tmp_path / "run", "-o", tmp_path / "again", "--speed", 20)
+    again = ("replay", tmp_path / "run", "-o", tmp_path / "again", "--speed", 30)
     replayed = beemap(*again, "--web", "--port", 0)
     client.join()
     assert replayed.code == 0, replayed.err
@@ -126,7 +127,7 @@ def test_a_scan_log_is_replayed_without_pictures(tmp_path, beemap, monkeypatch):
     log, driven = tmp_path / "room.log", drive()
     log.write_text("".join(driven.flaser(i) + "\n" for i in range(len(driven.stamps))))
     client = Client(monkeypatch)
-    outcome = beemap("replay", log, "--web", "--port", 0, "--speed", 25, *FEW)
+    outcome = beemap("replay", log, "--web", "--port", 0, "--speed", 50, *FEW)
     client.join()
     assert outcome.code == 0, outcome.err
     assert client.onlooker is not None
