@@ -280,6 +280,9 @@ def test_pages_load_nothing_from_elsewhere(running):
         assert "default-src 'none'" in policy
         assert "unsafe" not in policy
         assert "frame-ancestors 'none'" in policy
+        assert f"connect-src 'self' ws://{urlsplit(running.url).netloc};" in policy
+    by_number = get(running.url, Host="[::1]:80").headers["Content-Security-Policy"]
+    assert "connect-src 'self';" in by_number  # it has no form for such addresses
     assert get(running.url, "/static/nothing.js").status == 404
     assert get(running.url, "/static/..%2fserver.py").status == 404
 
