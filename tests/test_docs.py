@@ -29,6 +29,8 @@ NOT_RUN = {
     "beemap calibrate capture": "needs a board in view (tests/test_calibrate_capture.py)",
     "beemap odometry calibrate": "needs minutes of driving (tests/test_wheel_calibration.py)",
     "beemap rig convert intrinsics.yml": "OpenCV's sample files (tests/test_rig_exchange.py)",
+    "beemap replay": "ends when somebody stops it (tests/test_web_run.py)",
+    "beemap live virtual-rig/rig.yaml -o run --web": "needs a rig (tests/test_live.py)",
     "beemap experiment": "takes hours (tests/test_experiment_command.py)",
     "beemap import drive.bag": "a robot's own bag (tests/test_import_bag.py)",
     "beemap map rec": "of that bag",

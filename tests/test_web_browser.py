@@ -21,7 +21,7 @@ from playwright import sync_api
 from pipeline.checkpoint import NOTHING
 from pipeline.live.map_saver import MapSaver
 from pipeline.map_request import MapRequest
-from pipeline.replay import Paced
+from pipeline.replay import Paced, count
 from pipeline.web.run_page import RunPage
 from pipeline.web.server import WebServer
 from tests.conftest import OFFICE
@@ -46,6 +46,16 @@ CANVAS = """(id) => {
   }
   return [4 * Math.max(...counts.values()) / data.length, sum];
 }"""
+
+# A process of its own, that can be killed.
+SERVER = """
+import threading
+from pipeline.web.run_page import RunPage
+from pipeline.web.server import WebServer
+with WebServer(RunPage("first", None, threading.Event()), None, 0, print) as server:
+    print(server.url, flush=True)
+    threading.Event().wait()
+"""
 
 pytestmark = pytest.mark.skipif(
     CHROMIUM is None, reason=f"no browser: none of {', '.join(NAMES)} is installed"
@@ -92,7 +102,7 @@ class Run(threading.Thread):
         self._saver = MapSaver(output, self.page.state.saved)
 
     def run(self) -> None:
-        paced = Paced(self.page.state, 8.0, self._job.total, self.stop, self._saver)
+        paced = Paced(self.page.state, 8.0, count(self._job), self.stop, self._saver)
         run = self._job.run(lambda done, total: None, self.stop.is_set, NOTHING, paced)
         self._saver.close()
         self.partial = run.partial
@@ -154,17 +164,15 @@ def measured(page: Any, pixels: int) -> float:
     return float(found[1])
 
 
-def test_a_killed_server_is_noticed_and_found_again(office_piece, tab):
+def test_a_killed_server_is_noticed_and_found_again(tab):
     page, complaints = tab
-    words = ("replay", office_piece, "--web", "--port", 0, "--set", "mapping.particles=20")
-    process = subprocess.Popen(
-        [sys.executable, "-m", "pipeline.cli", *map(str, words)], stderr=subprocess.PIPE, text=True
-    )
-    assert process.stderr is not None
-    address = next(m for line in process.stderr if (m := re.match(r"page: (\S+:(\d+)/)", line)))
+    process = subprocess.Popen([sys.executable, "-c", SERVER], stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    address = re.fullmatch(r"(\S+:(\d+)/)\n", process.stdout.readline())
+    assert address is not None
     try:
         page.goto(address[1])
-        page.locator("#line", has_text="live").wait_for()
+        page.locator("#name", has_text="first").wait_for()
     finally:
         process.kill()
         process.wait()

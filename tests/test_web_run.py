@@ -19,7 +19,9 @@ from calibration.rig import CameraModel, minibee
 from mapping.grid import OccupancyGrid
 from mapping.settings import MappingSettings
 from odometry.motion import compose
+from pipeline import extras
 from pipeline.commands import web_options
+from pipeline.errors import InputError
 from pipeline.map_files import read_map
 from pipeline.recordings.base import PairFiles
 from pipeline.run import make_ranger
@@ -45,6 +47,7 @@ class Client(threading.Thread):
         self.started = threading.Event()
         self.answers: list[dict] = []
         self.onlooker: Onlooker | None = None
+        monkeypatch.setattr(hub, "RATE", 15.0)
         enter = server.WebServer.__enter__
 
         def entered(web: server.WebServer) -> server.WebServer:
@@ -76,7 +79,7 @@ def test_a_replay_shows_the_run_and_ends_as_the_run(office_piece, tmp_path, beem
     mapped = beemap("map", office_piece, "-o", tmp_path / "run", *FEW, "--seed", 3, "--quiet")
     assert mapped.code == 0, mapped.err
     client = Client(monkeypatch)
-    again = ("replay", tmp_path / "run", "-o", tmp_path / "again", "--speed", 20)
+    again = ("replay", tmp_path / "run", "-o", tmp_path / "again", "--speed", 30)
     replayed = beemap(*again, "--web", "--port", 0)
     client.join()
     assert replayed.code == 0, replayed.err
@@ -124,7 +127,7 @@ def test_a_scan_log_is_replayed_without_pictures(tmp_path, beemap, monkeypatch):
     log, driven = tmp_path / "room.log", drive()
     log.write_text("".join(driven.flaser(i) + "\n" for i in range(len(driven.stamps))))
     client = Client(monkeypatch)
-    outcome = beemap("replay", log, "--web", "--port", 0, "--speed", 25, *FEW)
+    outcome = beemap("replay", log, "--web", "--port", 0, "--speed", 50, *FEW)
     client.join()
     assert outcome.code == 0, outcome.err
     assert client.onlooker is not None
@@ -141,22 +144,22 @@ def test_mistakes_are_one_line(office_piece, tmp_path, refused, monkeypatch):
     assert "--host: belongs to --web" in refused("live", rig, "-o", tmp_path, "--host", "::")
     run = tmp_path / "run"
     run.mkdir()
-    facts = {"input": "gone", "seed": 1, "recording": {}}
-    (run / "run.json").write_text(json.dumps(facts))
-    assert "was made from gone, which is gone" in refused("replay", run, "--web")
-    (run / "run.json").write_text("[]")
-    assert "give the recording" in refused("replay", run, "--web")
+    (run / "run.json").write_text("{}")
+    assert "map.npz" in refused("replay", run, "--web")
+    for name in ("map.npz", "trajectory.tum", "settings.yaml"):
+        (run / name).write_text("{}")
+    assert "made again as it was" in refused("replay", run, "--web", "--seed", 3)
     # A live run's recording lies in its folder, which must not be replaced.
     shutil.copytree(office_piece, run / "recording")
-    (run / "run.json").write_text(json.dumps({**facts, "recording": "moved/recording"}))
-    (run / "settings.yaml").write_text("")
+    request = {"input": "moved", "seed": 1}
+    (run / "run.json").write_text(json.dumps({"request": request}))
     again = ("replay", run, "--web", "-o", run, "--force")
     assert "holds the recording" in refused(*again)
     with server.WebServer(RunPage("x", None, threading.Event()), None, 0, print) as busy:
         line = refused("replay", office_piece, "--web", "--port", busy.port)
         assert f"--port {busy.port}: is taken: " in line
         assert "is free" in line
-    monkeypatch.setattr(web_options, "NEEDS", ("starlette", "not_installed_here"))
+    monkeypatch.setitem(extras.MODULES, "web", ("starlette", "not_installed_here"))
     assert "pip install 'beemap[web]'" in refused("replay", office_piece, "--web")
     assert "pip install 'beemap[web]'" in refused("live", rig, "-o", tmp_path / "o", "--web")
 
@@ -168,6 +171,24 @@ def test_names_of_places_are_checked():
             page.command("mark", name)
     with pytest.raises(hub.RefusedError, match="-o OUT"):
         page.command("save", "")
+
+
+def test_a_run_that_fails_says_so_on_its_page(tmp_path, capfd):
+    onlookers = []
+
+    def fail() -> None:
+        with web_options.watched(True, None, 0, "run", tmp_path, threading.Event()):
+            address = capfd.readouterr().err.removeprefix("page: ").strip()
+            onlookers.append(Onlooker(address))
+            while not onlookers[0].topics["run"]:
+                pass
+            raise InputError("the left camera: no such device")
+
+    with pytest.raises(InputError):
+        fail()
+    onlookers[0].join()
+    last = onlookers[0].topics["run"][-1].values
+    assert (last["phase"], last["failure"]) == ("failed", "the left camera: no such device")
 
 
 @pytest.fixture(scope="module")

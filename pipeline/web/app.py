@@ -30,10 +30,11 @@ def make_app(hub: Hub, access: Access, connections: Connections) -> Starlette:
 
     async def index(request: Request) -> Response:
         if access.token is not None and "token" in request.query_params:
-            # The token leaves the address bar, where others may read it.
+            # The token leaves the address bar, where others may read it. "lax": the link may be
+            # followed from anywhere, in a mail for one; requests by other sites lack the cookie.
             response = RedirectResponse("/", 303)
             name = access.cookie(request)
-            response.set_cookie(name, access.token, httponly=True, samesite="strict")
+            response.set_cookie(name, access.token, httponly=True, samesite="lax")
             return response
         return Response(files[hub.page.index], media_type="text/html")
 
@@ -96,9 +97,11 @@ class _Guard:
 def headers(host: str) -> dict[str, str]:
     """A page of ours loads and speaks to nothing but its own server, and stands in no frame.
 
-    host: as the Host header names it; older browsers do not count a WebSocket as 'self'.
+    host: as the Host header names it; older browsers do not count a WebSocket as 'self'. A policy
+    has no form for addresses of IPv6.
     """
-    connect = f"'self' ws://{host}" if host else "'none'"
+    named = host and not host.startswith("[")
+    connect = f"'self' ws://{host}" if named else "'self'"
     policy = (
         "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
         f"connect-src {connect}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
