@@ -93,6 +93,11 @@ def test_an_experiment_runs_on_the_cluster(dask, tmp_path, monkeypatch):
     assert len(list(out.glob("did-*"))) == 2
 
 
+def test_a_worker_that_does_not_see_a_file_is_named_with_it(dask, tmp_path):
+    line = refusal(dask.address, (tmp_path, tmp_path / "recs"))
+    assert f"(1 other workers, too): does not see {tmp_path / 'recs'}: its paths must be" in line
+
+
 def test_a_lost_worker_s_task_is_done_again_and_one_that_kills_them_all_is_given_up(dask, tmp_path):
     # Dask blames a dead worker's other tasks, too: one death at a time.
     done: dict[int, Any] = {}
@@ -106,11 +111,6 @@ def test_a_lost_worker_s_task_is_done_again_and_one_that_kills_them_all_is_given
     assert done[POISON] == Failure(f"its worker died, {tries} times (out of memory?)")
     assert done[0].reason.startswith("ZeroDivisionError: no such thing (worker tcp://127.0.0.1:")
     assert done[1].reason.startswith("one: write two (worker tcp://127.0.0.1:")
-
-
-def test_a_worker_that_does_not_see_a_file_is_named_with_it(dask, tmp_path):
-    line = refusal(dask.address, (tmp_path, tmp_path / "recs"))
-    assert f"(1 other workers, too): does not see {tmp_path / 'recs'}: its paths must be" in line
 
 
 def test_a_worker_of_another_beemap_is_named_before_any_task_is_sent(dask, tmp_path):

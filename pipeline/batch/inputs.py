@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import glob
 import json
+import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +15,9 @@ from pipeline.errors import InputError
 TELLING_NOTHING = {"mav0", "recording"}
 LOG_ENDINGS = (".log", ".clf", ".carmen")
 PACKED_ENDINGS = (".gz", ".bz2", ".xz")
-BEGINNING = 1 << 16  # of a file, searched for messages of a scan log [bytes]
+# A message of a scan log, looked for in the beginning of a file [bytes].
+SCAN = re.compile(rb"^(FLASER|ROBOTLASER1) [0-9]", re.MULTILINE)
+BEGINNING = 1 << 16
 
 
 @dataclass(frozen=True)
@@ -108,8 +111,7 @@ def _is_log(path: Path) -> bool:
     if name.endswith(LOG_ENDINGS):
         return True
     with path.open("rb") as file:
-        head = file.read(BEGINNING)
-    return any(word in head for word in (b"FLASER ", b"ROBOTLASER1 "))
+        return SCAN.search(file.read(BEGINNING)) is not None
 
 
 def _recordings_in(folder: Path, output: Path) -> tuple[list[Path], list[str]]:
