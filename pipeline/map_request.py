@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,7 @@ from pipeline.errors import InputError
 from pipeline.job import Job, log_job, recording_job
 from pipeline.map_files import read_map
 from pipeline.recordings import open_input
-from pipeline.recordings.base import RecordedPair, Recording
+from pipeline.recordings.base import Recording
 from pipeline.recordings.scan_log import ScanLog
 from pipeline.recordings.tick_table import read_tick_table
 from pipeline.run_report.origin import Origin
@@ -130,9 +129,10 @@ class MapRequest(msgspec.Struct, frozen=True):
                 words += [option, str(value)]
         return words
 
-    def origin(self, output: Path, pairs: Sequence[RecordedPair]) -> Origin:
-        """For the report of a run into `output`; pairs: of the recording."""
+    def origin(self, output: Path, opened: Recording | ScanLog) -> Origin:
+        """For the report of a run into `output`; opened: the input."""
         rig = Path(self.rig) if self.rig else None
+        pairs = opened.pairs if isinstance(opened, Recording) else ()
         return Origin(output, Path(self.input), self.arguments(), rig, lambda: pairs)
 
     def complete(self, settings: Settings) -> MapRequest:
@@ -146,20 +146,46 @@ class MapRequest(msgspec.Struct, frozen=True):
             versions={name: version(name) for name in VERSIONS_OF},
         )
 
+    def told(self) -> dict[str, Any]:
+        """A complete request as run.json keeps it: with settings.yaml the run can be made again."""
+        fields = msgspec.to_builtins(self)
+        del fields["settings"]
+        return fields
+
     def check_unchanged(self, where: Path) -> None:
         """Raise InputError where going on would mix what does not belong together."""
+        self.check_files(where)
+        if self.other_versions():
+            raise InputError(f"{where}: made by other versions of beemap or OpenCV: map afresh")
+
+    def check_files(self, where: Path) -> None:
+        """Raise InputError where a file beside the input was changed."""
         for file, digest in self.digests.items():
             if _digest(file) != digest:
                 raise InputError(f"{where}: {file} was changed since: map afresh")
-        now = {name: version(name) for name in self.versions}
-        if now != self.versions:
-            raise InputError(f"{where}: made by other versions of beemap or OpenCV: map afresh")
+
+    def other_versions(self) -> bool:
+        """Whether what computes the observations is not what it was."""
+        return self.versions != {name: version(name) for name in self.versions}
+
+    def facts(self, job: Job, settings: Settings, threads: int) -> dict[str, Any]:
+        """What run.json says of a run of the job with these settings."""
+        return {
+            "input": self.input,
+            **job.facts(),
+            "seed": self.seed,
+            "request": self.complete(settings).told(),
+            "notes": job.notes,
+            "threads": threads,
+            "recording": job.skipped,
+        }
 
     @property
     def _files(self) -> list[str]:
         """Files beside the input that decide the result."""
         files = [self.rig, self.ticks.file if self.ticks else None]
         files.append(self.begin.map if self.begin else None)
+        files.append((self.motion or "").partition(":")[2] or None)
         return [str(_content(Path(file))) for file in files if file is not None]
 
     def _refuse_for_logs(self, path: Path) -> None:

@@ -190,7 +190,8 @@ def mapped(
 ) -> tuple[MapRun, dict[str, Any]]:
     """Map until so many pairs are done, and write the results."""
     settings = load_settings(None, SET)
-    job = recording_job(open_recording(recording), None, None, settings, 1, 1)
+    opened = open_recording(recording)
+    job = recording_job(opened, None, None, settings, 1, 1)
     stop = threading.Event()
 
     def progress(done: int, total: int) -> None:
@@ -201,7 +202,7 @@ def mapped(
         stop.set()
     run = job.run(progress, stop.is_set, known)
     output.mkdir()
-    origin = Origin(output, recording, [str(recording)], pairs=lambda: job.pairs)
+    origin = Origin(output, recording, [str(recording)], pairs=lambda: opened.pairs)
     facts = {"input": str(recording), **job.facts()}
     return run, write_results(output, run, settings, None, facts, origin)
 

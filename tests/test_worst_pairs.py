@@ -11,6 +11,7 @@ from mapping.grid import OccupancyGrid
 from mapping.particle_filter import FilterHealth
 from pipeline.map_request import Begin, MapRequest, Ticks
 from pipeline.pages.svg import MOST_POINTS, round_steps, thinned
+from pipeline.recordings.base import Recording
 from pipeline.run_report.map_view import map_view
 from pipeline.run_report.origin import Origin
 from pipeline.run_report.reasons import reason
@@ -121,7 +122,7 @@ def test_commands_can_be_pasted():
         "my rec", "rig 1.yaml", "fused", 10.0, 3, Ticks("t.csv", "1,2,3", "ms", 0.5),
         Begin("old", (1.0, 2.0, np.pi / 2)),
     )  # fmt: skip
-    origin = request.origin(Path("out put"), [])
+    origin = request.origin(Path("out put"), Recording(Path("my rec"), "", []))
     assert origin.fill("{map} --seed 2") == (
         "beemap map 'my rec' --rig 'rig 1.yaml' --motion fused --fps 10.0 --seed 3 --ticks t.csv "
         "--ticks-columns 1,2,3 --ticks-unit ms --ticks-offset 0.5 --continue old --pose 1,2,90 "

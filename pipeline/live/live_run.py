@@ -30,7 +30,7 @@ from pipeline.errors import InputError
 from pipeline.folders import check_target, replace_files
 from pipeline.live.capture import Session, capture
 from pipeline.live.devices import LiveRig
-from pipeline.live.events import OnMap, OnPose
+from pipeline.live.events import MapEvent, OnMap, OnPose
 from pipeline.live.map_saver import MapSaver
 from pipeline.live.mapping_thread import LiveMapper
 from pipeline.live.status import Status
@@ -43,6 +43,8 @@ from pipeline.run import MapRun
 from pipeline.run_report.origin import Origin
 from pipeline.seeing import AnyMotion
 from pipeline.settings import Settings
+from pipeline.trajectory import Trajectory
+from pipeline.watcher import NOBODY, Watcher
 
 STATUS_EVERY = 1.0  # s
 TICK = 0.05  # s between looks at what the threads do
@@ -52,7 +54,7 @@ TICK = 0.05  # s between looks at what the threads do
 class LiveOptions:
     """settings, seed: as of `map`; duration: ends by itself after so many seconds; stop: ends it
     when set; known: where observations are kept for `--resume`; facts: for run.json; begin: a map
-    to go on in; motion: "encoders", "visual" or "fused"."""
+    to go on in; motion: "encoders", "visual" or "fused"; watcher: who looks on."""
 
     settings: Settings
     seed: int = 1
@@ -62,6 +64,7 @@ class LiveOptions:
     facts: dict[str, Any] = field(default_factory=dict)
     begin: KnownMap | None = None
     motion: str = "encoders"
+    watcher: Watcher = NOBODY
 
 
 def _ignore(*_: object) -> None:
@@ -96,10 +99,15 @@ def live_run(
         from calibration.rig import Mount
 
         stereo_rig = stereo_rig.with_mount(Mount())
-    settings = options.settings
+    settings, watcher = options.settings, options.watcher
+
+    def saved(event: MapEvent) -> None:
+        on_map(event)
+        watcher.saved(event)
+
     warm_up(stereo_rig, settings, looks=options.motion in LOOKING)
     with capture(rig, recording, settings.odometry, tell) as session:
-        saver = MapSaver(output, on_map)
+        saver = MapSaver(output, saved)
         motion = _motion(rig, stereo_rig, session, options)
         mapper = LiveMapper(
             stereo_rig,
@@ -111,8 +119,9 @@ def live_run(
             on_pose,
             session.note,
             options.begin,
+            watcher,
         )
-        session.sinks.append(mapper.offer)
+        session.sinks += [watcher.captured, mapper.offer]
         mapper.start()
         session.start()
         try:
@@ -125,7 +134,8 @@ def live_run(
     run.seconds["total"] = time.perf_counter() - begin
     arguments = [str(recording), "--motion", options.motion]
     origin = Origin(output, recording, arguments, pairs=lambda: open_recording(recording).pairs)
-    summary = save_results(output, run, settings, facts, origin)
+    summary = save_results(output, run, settings, facts, origin=origin)
+    watcher.ended(run)
     error = mapper.error or (InputError(session.recorder.error) if session.recorder.error else None)
     if error is not None:
         raise error
@@ -187,7 +197,12 @@ def _spread(seconds: list[float]) -> dict[str, float]:
 
 
 def save_results(
-    output: Path, run: MapRun, settings: Settings, facts: dict[str, Any], origin: Origin
+    output: Path,
+    run: MapRun,
+    settings: Settings,
+    facts: dict[str, Any],
+    truth: Trajectory | None = None,
+    origin: Origin | None = None,
 ) -> dict[str, Any]:
     """All result files, each in place of an earlier one, run.json last.
 
@@ -197,7 +212,7 @@ def save_results(
     shutil.rmtree(partial, ignore_errors=True)
     try:
         partial.mkdir()
-        summary = write_results(partial, run, settings, None, facts, origin)
+        summary = write_results(partial, run, settings, truth, facts, origin)
         replace_files(partial, output, "run.json")
     except OSError as error:
         raise InputError(

@@ -14,12 +14,13 @@ from pipeline.checkpoint import Observations
 from pipeline.errors import InputError
 from pipeline.frontend import observe
 from pipeline.live.events import OnPose, PoseEvent
-from pipeline.live.map_saver import MapSaver, Snapshot, path_of
+from pipeline.live.map_saver import MapSaver, Snapshot
 from pipeline.motion_told import told
 from pipeline.recordings.base import DamagedFrameError, Pair
-from pipeline.run import MapRun, Stepper, make_ranger, take
+from pipeline.run import MapRun, Stepper, make_ranger, show, take
 from pipeline.seeing import AnyMotion, move
 from pipeline.settings import Settings
+from pipeline.watcher import NOBODY, Watcher
 from stereo.camera import CapturedPair
 from stereo.errors import StereoError
 
@@ -49,6 +50,7 @@ class LiveMapper:
         on_pose: OnPose,
         tell: Tell,
         begin: KnownMap | None = None,
+        watcher: Watcher = NOBODY,
     ) -> None:
         self.mapper = HierarchicalMapper(settings.mapping, seed, begin)
         self.run = MapRun(self.mapper)
@@ -63,6 +65,7 @@ class LiveMapper:
         self._saver = saver
         self._on_pose = on_pose
         self._tell = tell
+        self._watcher = watcher
         self._looks: list[bool] = []
         self._first: int | None = None
         self._pairs: deque[CapturedPair] = deque()
@@ -72,6 +75,7 @@ class LiveMapper:
 
     def start(self) -> None:
         """Begin to map."""
+        self._watcher.begins(self.run, self._ranger)
         self._thread.start()
 
     def offer(self, pair: CapturedPair) -> None:
@@ -121,7 +125,7 @@ class LiveMapper:
         seen = None
         if step.due:
             self._check(pair)
-            seen = observe(pair, self._ranger, step.key_frame)
+            seen = observe(pair, self._ranger, step.key_frame, keep=self._watcher is not NOBODY)
             self._known.add(pair.stamp, seen)
         begin = time.perf_counter()
         take(step, seen, self.run)
@@ -131,14 +135,11 @@ class LiveMapper:
         latency = (time.monotonic_ns() - pair.stamp) / 1e9
         self.latencies.append(latency)
         self._on_pose(PoseEvent(pair.stamp, self.mapper.pose, latency, step.due))
-        if len(self.mapper.filter.health) > local_maps:
-            self._save()
-
-    def _save(self) -> None:
-        closed = time.monotonic()
-        path = path_of(self.mapper.stamps, self.mapper.path())
-        maps = len(self.mapper.filter.health)
-        self._saver.offer(Snapshot(self.mapper.grid(), path, maps, closed))
+        show(step, seen, self.run, self._watcher)
+        if len(self.mapper.filter.health) > local_maps or self._watcher.wants_map():
+            snapshot = Snapshot.of(self.run)
+            self._saver.offer(snapshot)
+            self._watcher.grew(snapshot)
 
     def _check(self, pair: Pair) -> None:
         """Refuse images that the rig does not fit, or that are exchanged, at the first looks."""
