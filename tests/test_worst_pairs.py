@@ -11,6 +11,7 @@ from mapping.grid import OccupancyGrid
 from mapping.particle_filter import FilterHealth
 from pipeline.map_request import Begin, MapRequest, Ticks
 from pipeline.pages.svg import MOST_POINTS, round_steps, thinned
+from pipeline.places import Place
 from pipeline.recordings.base import Recording
 from pipeline.run_report.map_view import map_view
 from pipeline.run_report.origin import Origin
@@ -86,7 +87,9 @@ def test_where_little_is_wrong_nothing_is_made_of_it():
 def test_marks_lie_where_the_robot_was():
     grid = OccupancyGrid(np.zeros((40, 80), np.float32), (-1.0, -0.5), 0.05)
     path = np.stack([np.linspace(0.0, 2.0, 21), np.zeros(21), np.zeros(21)], axis=1)
-    view = map_view(grid, path, np.linspace(0.0, 2.0, 21), path[-1:], [-1, 5, 5, 20])
+    view = map_view(
+        grid, path, np.linspace(0.0, 2.0, 21), path[-1:], [-1, 5, 5, 20], [Place("sink", 99)]
+    )
     assert (view.width, view.height) == pytest.approx((4.0 * 1.06, 2.0 + 4.0 * 0.06))
     start, end = view.ends
     assert start.left == pytest.approx(100 * (1.0 + 0.12) / view.width, abs=0.01)
@@ -94,6 +97,8 @@ def test_marks_lie_where_the_robot_was():
     assert end.left > start.left
     # A pair without a place is not marked, two at one place are marked together.
     assert [mark.words for mark in view.suspects] == [("2", "3"), ("4",)]
+    (place,) = view.places
+    assert (place.words, place.left) == (("sink",), end.left)
     assert view.scale == 1
 
 

@@ -15,6 +15,7 @@ from mapping.grid import OccupancyGrid
 from pipeline.pages.render import png_uri
 from pipeline.pages.svg import round_steps, way
 from pipeline.picture import SHADE_OF_P
+from pipeline.places import Place
 
 MOST_CELLS = 1500  # along a side of the picture; of larger maps several cells are one
 MARGIN = 0.03  # around map and path, as a share of the longer side
@@ -43,8 +44,8 @@ class Mark:
 class MapView:
     """width, height: of the view [m]; picture: of the cells, at left, top, wide, high [% of the
     view]; path, particles: SVG path data in metres from the upper left; start, end: of the path;
-    metres: driven so far, along it; suspects: numbers of the pairs shown; scale: length of the bar
-    [m]."""
+    metres: driven so far, along it; suspects: numbers of the pairs shown; places: that somebody
+    named; scale: length of the bar [m]."""
 
     width: float
     height: float
@@ -55,6 +56,7 @@ class MapView:
     ends: list[Mark]
     metres: list[Mark]
     suspects: list[Mark]
+    places: list[Mark]
     scale: float
 
 
@@ -64,9 +66,11 @@ def map_view(
     driven: np.ndarray,
     particles: np.ndarray,
     suspects: Sequence[int],
+    places: Sequence[Place] = (),
 ) -> MapView:
     """The map with a path (n, 3), metres driven at each of its poses (n,), the particles' poses at
-    the end (k, 3), and the numbers of the poses at which suspects were seen (below 0: nowhere)."""
+    the end (k, 3), the numbers of the poses at which suspects were seen (below 0: nowhere), and
+    places."""
     height, width = grid.probability.shape
     low = np.array(grid.origin, float)
     high = low + grid.cell * np.array([width, height])
@@ -89,6 +93,7 @@ def map_view(
     pairs = _joined(
         [mark(str(n), i) for n, i in enumerate(suspects, start=1) if 0 <= i < len(path)]
     )
+    named = [mark(one.name, min(one.index, len(path) - 1)) for one in places if len(path)]
     steps = round_steps(0.0, float(driven[-1]), MARKS)[1:] if len(path) else []
     return MapView(
         width=float(size[0]),
@@ -99,9 +104,11 @@ def map_view(
         particles="".join(f"M{x:.3f} {y:.3f}h0" for x, y in placed(particles)[:500]),
         ends=[mark("start", 0), mark("end", len(path) - 1)] if len(path) else [],
         metres=_apart(
-            [mark(f"{m:g}", int(np.searchsorted(driven, m - 1e-9))) for m in steps], pairs
+            [mark(f"{m:g}", int(np.searchsorted(driven, m - 1e-9))) for m in steps],
+            [*pairs, *named],
         ),
         suspects=pairs,
+        places=named,
         scale=next((m for m in LENGTHS if m <= SCALE * size[0]), LENGTHS[-1]),
     )
 

@@ -69,7 +69,9 @@ def write_report(
         unit=run.unit,
         sight=sight,
         window=settings.mapping.window,
-        map=map_view(grid, path, driven, run.mapper.filter.poses, [s.index for s in suspects]),
+        map=map_view(
+            grid, path, driven, run.mapper.filter.poses, [s.index for s in suspects], run.places
+        ),
         summary=summary,
         next=next_steps(health, origin, run.partial, (folder / "truth.tum").exists()),
         curves=_curves(run, driven, health, sight),
