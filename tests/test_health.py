@@ -159,6 +159,14 @@ def test_large_errors_of_odometry_make_the_map_doubtful():
         assert large.short.startswith(large.text[:20])
 
 
+def test_what_no_wheel_can_be_off_is_the_cameras():
+    errors = OdometryErrors(np.array([1.08, 0.0, 0.0]), np.full(3, 0.01))
+    (found,) = odometry_findings(errors, encoders=True)
+    assert "multiply" not in found.remedy
+    assert "mount" in found.remedy
+    assert found.grade == Grade.DOUBTFUL
+
+
 def test_how_far_odometry_and_path_part_is_told_in_the_median():
     travel = np.arange(0.0, 10.0, 0.1)
     path = np.stack([travel, 0.0 * travel, 0.0 * travel], axis=1)

@@ -14,6 +14,8 @@ CALIBRATE = "beemap odometry calibrate {recording}{rig_option} -o {new_rig} --fo
 # rotation (shares) and drift (rad/m), and in the parting over a stretch. With wheels 3 % too large
 # the office's path was 7 cm off, with 10 % half a metre; with the track 20 % too wide 2 m.
 FAR_OFF = (0.05, 0.1, math.radians(2.0))
+# No wheel is taken for so much too large or small: the cameras are.
+WHEELS_AT_MOST = 0.5
 PARTED = (0.1, math.radians(6.0))  # m, rad
 
 
@@ -69,9 +71,18 @@ def odometry_findings(
 
 
 def _distance(errors: OdometryErrors) -> Finding:
-    value, error = errors.value[0], errors.error[0]
+    value, error = float(errors.value[0]), float(errors.error[0])
     text = f"odometry {_estimates(value)} distance by {_percent(value, error)}"
     factor = 1.0 / (1.0 + value)
+    if abs(value) > WHEELS_AT_MOST:
+        return Finding(
+            text,
+            "no wheel is so far off: look at the mount (height, pitch) and the calibration of the "
+            "cameras; floor taken for obstacles moves along with the robot",
+            grade=Grade.DOUBTFUL,
+            short=text,
+            command="beemap calibrate mount {recording}{rig_option} -o {new_rig} --force",
+        )
     far = abs(value) > FAR_OFF[0]
     return Finding(
         text,
