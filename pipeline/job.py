@@ -56,15 +56,13 @@ class Look(NamedTuple):
 class Job:
     """A run to be made.
 
-    unit: what the input consists of; total: how many of them; opened: that input; rig: with which
-    it is read, None for logs; notes: what the user must hear before; skipped: what was passed over
-    when the input was opened; facts(): what run.json says of it, asked afterwards; looks(): all
-    that the mapper would be given, without mapping; run and looks use the motion up: one of them,
-    once.
+    unit: what the input consists of; opened: that input; rig: with which it is read, None for
+    logs; notes: what the user must hear before; skipped: what was passed over when the input was
+    opened; facts(): what run.json says of it, asked afterwards; looks(): all that the mapper
+    would be given, without mapping; run and looks use the motion up: one of them, once.
     """
 
     unit: str
-    total: int
     opened: Recording | ScanLog
     rig: StereoRig | None
     run: Run
@@ -101,8 +99,8 @@ def recording_job(
         known: Observations,
         watcher: Watcher = NOBODY,
     ) -> MapRun:
-        how = (settings, seed, threads, progress, interrupted, known, begin, watcher)
-        return map_recording(recording, rig, source, *how)
+        done = (progress, interrupted, known, begin, watcher)
+        return map_recording(recording, rig, source, settings, seed, threads, *done)
 
     def looks() -> Iterator[Look]:
         ranger = make_ranger(rig, settings)
@@ -118,16 +116,7 @@ def recording_job(
         }
 
     return Job(
-        "pairs",
-        len(recording.pairs),
-        recording,
-        rig,
-        run,
-        looks,
-        facts,
-        notes,
-        recording.skipped,
-        recording.poses,
+        "pairs", recording, rig, run, looks, facts, notes, recording.skipped, recording.poses
     )
 
 
@@ -174,7 +163,7 @@ def log_job(log: ScanLog, settings: Settings, seed: int, begin: KnownMap | None 
             yield Look(motion.last, motion, scan)
 
     truth = read_tum(log.truth_file) if log.truth_file else None
-    return Job("scans", len(log), log, None, run, looks, facts, notes, log.skipped, truth)
+    return Job("scans", log, None, run, looks, facts, notes, log.skipped, truth)
 
 
 def _told(stages: dict[str, dict[str, Any]]) -> str:

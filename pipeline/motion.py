@@ -28,7 +28,8 @@ KNOWN = "encoders, odometry, poses, poses:FILE.tum, visual, fused"
 def check_choice(choice: str) -> None:
     """Refuse what `--motion` cannot name. Raises InputError."""
     kind, _, file = choice.partition(":")
-    if choice not in ("encoders", "poses", "visual", "fused") and not (kind == "poses" and file):
+    plain = ("encoders", "odometry", "poses", *LOOKING)
+    if choice not in plain and not (kind == "poses" and file):
         raise InputError(f"--motion {choice}: unknown (known: {KNOWN})")
 
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 import threading
 import time
 
+from pipeline.job import Job
 from pipeline.live.map_saver import MapSaver, Snapshot
 from pipeline.live.status import mapping_checks, mapping_figures
+from pipeline.recordings.base import Recording
 from pipeline.run import MapRun
 from pipeline.watcher import Moment, Watcher
 from pipeline.web.run_state import RunState
@@ -86,3 +88,9 @@ class Paced(Watcher):
             "recorded time": f"{played:.0f} s, {self._speed:g} x",
         }
         state.status(figures | mapping_figures(run.mapper), mapping_checks(run.mapper))
+
+
+def count(job: Job) -> int:
+    """Pairs or scans of a job."""
+    opened = job.opened
+    return len(opened.pairs) if isinstance(opened, Recording) else len(opened)

@@ -121,7 +121,7 @@ def map_recording(
     """Map a recording; `progress` and `interrupted` as in `MapRun.each`.
 
     known: what was seen in a run before, which need not be looked at again. begin: a map to go on
-    in. watcher: who looks on; is shown images, too.
+    in. watcher: is shown how the run goes, images included.
 
     Raises:
         InputError: images and rig do not fit, or no pair can be used.

@@ -27,7 +27,7 @@ def map_log(
     watcher: Watcher = NOBODY,
 ) -> MapRun:
     """Map a scan log; `progress` and `interrupted` as in `MapRun.each`; begin: a map to go on in;
-    watcher: who looks on.
+    watcher: is shown how the run goes.
 
     Every scan gets a pose, in the order of the file; those that the gate lets through are seen
     by the mapper.

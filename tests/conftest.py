@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import shutil
+import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 from hypothesis import settings
 
-from pipeline.cli import main
+from pipeline.cli import cli, main
+from tests.batch_runs import batch_command, cut
 
 OFFICE = Path(__file__).parent.parent / "data" / "office"
 PAIRS = 40
+QUICK = ("--set", "mapping.particles=20", "--quiet")  # of `office_run`
 
 # The first example of a test may load OpenCV or compile a kernel.
 settings.register_profile("beemap", deadline=None)
@@ -51,6 +55,35 @@ def office_piece(tmp_path_factory) -> Path:
         (target / "data.csv").write_text("\n".join([header, *early]) + "\n")
     shutil.copy(OFFICE / "mav0" / "odom0" / "sensor.yaml", piece / "mav0" / "odom0")
     return piece
+
+
+@pytest.fixture(scope="session")
+def office_run(office_piece, tmp_path_factory) -> Path:
+    """The result folder of that piece, with few particles; not to be changed."""
+    run = tmp_path_factory.mktemp("run") / "run"
+    done = CliRunner().invoke(cli, ["map", str(office_piece), "-o", str(run), *QUICK])
+    assert done.exit_code == 0, done
+    return run
+
+
+@pytest.fixture(scope="session")
+def recordings(office_piece, tmp_path_factory) -> Path:
+    """A folder of three: two short pieces of the office and one without images."""
+    folder = tmp_path_factory.mktemp("recordings")
+    cut(office_piece, folder / "kitchen", 0, 13)
+    cut(office_piece, folder / "hall", 13, 27)
+    (folder / "broken" / "mav0" / "cam0").mkdir(parents=True)
+    (folder / "notes.txt").write_text("not to be mapped\n")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def batch(recordings, tmp_path_factory) -> tuple[Path, Outcome]:
+    """The folder of the recordings mapped by two processes, and what the command said."""
+    folder = tmp_path_factory.mktemp("batch") / "out"
+    command = batch_command(recordings, "-o", folder, "--jobs", 2)
+    done = subprocess.run(command, capture_output=True, text=True)
+    return folder, Outcome(done.returncode, done.stdout, done.stderr)
 
 
 @pytest.fixture

@@ -21,7 +21,7 @@ from playwright import sync_api
 from pipeline.checkpoint import NOTHING
 from pipeline.live.map_saver import MapSaver
 from pipeline.map_request import MapRequest
-from pipeline.replay import Paced
+from pipeline.replay import Paced, count
 from pipeline.web.run_page import RunPage
 from pipeline.web.server import WebServer
 from tests.conftest import OFFICE
@@ -102,7 +102,7 @@ class Run(threading.Thread):
         self._saver = MapSaver(output, self.page.state.saved)
 
     def run(self) -> None:
-        paced = Paced(self.page.state, 8.0, self._job.total, self.stop, self._saver)
+        paced = Paced(self.page.state, 8.0, count(self._job), self.stop, self._saver)
         run = self._job.run(lambda done, total: None, self.stop.is_set, NOTHING, paced)
         self._saver.close()
         self.partial = run.partial

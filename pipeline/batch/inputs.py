@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import glob
 import json
+import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +15,9 @@ from pipeline.errors import InputError
 TELLING_NOTHING = {"mav0", "recording"}
 LOG_ENDINGS = (".log", ".clf", ".carmen")
 PACKED_ENDINGS = (".gz", ".bz2", ".xz")
+# A message of a scan log, looked for in the beginning of a file [bytes].
+SCAN = re.compile(rb"^(FLASER|ROBOTLASER1) [0-9]", re.MULTILINE)
+BEGINNING = 1 << 16
 
 
 @dataclass(frozen=True)
@@ -28,7 +32,8 @@ def find_recordings(given: Iterable[str], output: Path) -> tuple[list[Path], lis
     """Absolute paths of the recordings, each once, in the order given; and notes on what was passed
     over, one line each.
 
-    given: recordings, scan logs, folders of them, or patterns as `runs/2024-*`.
+    given: recordings, scan logs, folders of them, or patterns as `runs/2024-*`. A folder that is
+    none of these is taken all the same: what is wrong with it is told of in the table.
 
     Raises:
         InputError: nothing is there, or no recording in it; `output` lies in a recording.
@@ -40,11 +45,14 @@ def find_recordings(given: Iterable[str], output: Path) -> tuple[list[Path], lis
         for path in _expanded(text):
             inside, passed = ([path], []) if _is_recording(path) else _recordings_in(path, output)
             known = known or bool(inside)
-            if passed and inside:
+            if path.is_file() and not inside:
+                passed = [str(path)]
+            elif not inside:
+                inside, passed = [path], []
+            if passed:
                 names = ", ".join(passed[:3]) + (", ..." if len(passed) > 3 else "")
-                notes.append(f"{path}: {len(passed)} others in it are no recordings ({names})")
-            # One that is none is told of in the table: it must not stop the others.
-            found.update(dict.fromkeys(p.resolve() for p in inside or [path]))
+                notes.append(f"{path}: passed over, no recording: {names}")
+            found.update(dict.fromkeys(p.resolve() for p in inside))
     if not known:
         raise InputError(
             f"{', '.join(given)}: no recording and no folder of recordings: give some, as "
@@ -96,10 +104,14 @@ def _is_recording(path: Path) -> bool:
 
 
 def _is_log(path: Path) -> bool:
+    """By its name, else by what it begins with."""
     name = path.name.lower()
     for ending in PACKED_ENDINGS:
         name = name.removesuffix(ending)
-    return name.endswith(LOG_ENDINGS)
+    if name.endswith(LOG_ENDINGS):
+        return True
+    with path.open("rb") as file:
+        return SCAN.search(file.read(BEGINNING)) is not None
 
 
 def _recordings_in(folder: Path, output: Path) -> tuple[list[Path], list[str]]:

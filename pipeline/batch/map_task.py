@@ -20,6 +20,7 @@ from pipeline.errors import InputError
 from pipeline.folders import new_folder
 from pipeline.job import Job
 from pipeline.map_request import MapRequest, checkpoint_of
+from pipeline.settings import Settings
 from pipeline.tasks.folder import Watch
 from pipeline.tasks.identity import source_digest
 from pipeline.tasks.task import place
@@ -63,9 +64,8 @@ def map_into(task: MapTask) -> bool:
     begin = time.perf_counter()
     here = place()
     use_threads(here.threads)
-    job, settings = task.request.prepare(task.settings, task.overrides, here.threads)
-    asked = task.request.complete(settings)
-    key = _key(asked, job)
+    job, settings, asked = prepared(task, here.threads)
+    key = key_of(asked, job)
     if finished_key(task.output) == key:
         return False
     open3d = Open3DLoading()
@@ -84,6 +84,16 @@ def map_into(task: MapTask) -> bool:
     return True
 
 
+def prepared(task: MapTask, threads: int) -> tuple[Job, Settings, MapRequest]:
+    """The input opened; its settings; the request with all that must be the same again.
+
+    Raises:
+        InputError, RigError, ...: what is missing or wrong.
+    """
+    job, settings = task.request.prepare(task.settings, task.overrides, threads)
+    return job, settings, task.request.complete(settings)
+
+
 def finished_key(folder: Path) -> str | None:
     """Key of the result that stands in a folder; None: there is none that is whole."""
     try:
@@ -93,7 +103,7 @@ def finished_key(folder: Path) -> str | None:
         return None
 
 
-def _key(asked: MapRequest, job: Job) -> str:
+def key_of(asked: MapRequest, job: Job) -> str:
     """16 hexadecimal digits of all that decides the result; where its files lie is not of it."""
     decides: dict[str, Any] = msgspec.to_builtins(asked)
     motion = asked.motion or ""

@@ -16,6 +16,7 @@ import jinja2
 from pipeline.batch.rows import Row
 from pipeline.experiments.report import command_line, machine, markdown_table
 from pipeline.new_files import new_files
+from pipeline.picture import FOOTER
 
 FILES = ("index.html", "table.md", "table.csv")
 THUMBNAIL = (480, 360)  # at most, width and height [px]
@@ -151,6 +152,7 @@ def _thumbnail(file: Path) -> str:
     picture = cv2.imread(str(file))
     if picture is None:
         return ""
+    picture = picture[:-FOOTER]  # its words could not be read
     height, width = picture.shape[:2]
     scale = min(1.0, THUMBNAIL[0] / width, THUMBNAIL[1] / height)
     small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)

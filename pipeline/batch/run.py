@@ -64,7 +64,7 @@ def run_batch(
         InputError: the workers of a cluster are not fit for it, or were lost.
     """
     results: dict[str, bool | Failure] = {}
-    shares: dict[str, float] = {}
+    shares = {given.name: 0.0 for given in inputs}
     outcome = Outcome()
     try:
         with claimed(output) as claim:
@@ -76,7 +76,8 @@ def run_batch(
             ):
 
                 def told(task: MapTask, share: float) -> None:
-                    shares[task.output.name] = share
+                    # What was told on the way may arrive late.
+                    shares[task.output.name] = 1.0 if task.output.name in results else share
                     progress(sum(shares.values()), len(tasks))
 
                 progress(0, len(tasks))

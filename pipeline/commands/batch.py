@@ -68,6 +68,7 @@ def batch_command(
     from pipeline.tasks.folder import open_folder
     from pipeline.tasks.runner import Workers
 
+    workers = Workers(jobs, scheduler)
     load_settings(settings_file, overrides)
     wanted = Wanted(
         _checked_rig(rig),
@@ -80,7 +81,6 @@ def batch_command(
     paths, notes = find_recordings(recordings, output)
     open_folder(output, "batch", "recordings", force)
     inputs = named(paths, output)
-    workers = Workers(jobs, scheduler)
     outcome = run_batch(inputs, wanted, output.resolve(), workers, threads, quiet)
     write_overview(output, outcome.rows)
     failed = failures(outcome.rows)

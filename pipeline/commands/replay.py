@@ -134,10 +134,10 @@ def _replay(
     from pipeline.checkpoint import NOTHING
     from pipeline.live.live_run import save_results
     from pipeline.live.map_saver import MapSaver
-    from pipeline.replay import Paced
+    from pipeline.replay import Paced, count
 
     saver = None if output is None else MapSaver(output, state.saved)
-    paced = Paced(state, speed, job.total, stop, saver)
+    paced = Paced(state, speed, count(job), stop, saver)
     try:
         run = job.run(lambda done, total: None, stop.is_set, NOTHING, paced)
     finally:

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.errors import InputError
-from pipeline.tasks.fitness import misfit, own_identity, unfit
+from pipeline.tasks.fitness import judge, misfit, own_identity
 from pipeline.tasks.scheduler_address import ANSWER, is_scheduler
 from pipeline.tasks.task import Failure, Place, perform
 
@@ -45,8 +45,10 @@ def connected(address: str, jobs: int | None) -> Iterator[Cluster]:
     """
     import distributed
 
-    # What it has to say is said here, in one line.
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    # What they have to say is said here, in one line; each has its own handler.
+    for name in list(logging.root.manager.loggerDict):
+        if name.partition(".")[0] == "distributed":
+            logging.getLogger(name).setLevel(logging.CRITICAL)
     if not is_scheduler(address):
         raise InputError(
             f"--scheduler {address}: no Dask scheduler answers there: look at the address, or "
@@ -67,6 +69,8 @@ class Cluster:
         self._client = client
         self._address = address
         self._jobs = jobs
+        self._must_see: Sequence[Path] = ()
+        self._fit: set[str] = set()
 
     def check(self, must_see: Sequence[Path]) -> None:
         """Look whether the workers are fit for tasks that name these files.
@@ -74,15 +78,17 @@ class Cluster:
         Raises:
             InputError: there is none; one holds another beemap, or does not see a file.
         """
-        if not self._workers():
+        faults, fit = judge(self._client, must_see)
+        if faults:
+            worker, fault = min(faults.items())
+            others = f" ({len(faults) - 1} other workers, too)" if len(faults) > 1 else ""
+            raise InputError(f"worker {worker}{others}: {fault}")
+        if not fit:
             raise InputError(
                 f"--scheduler {self._address}: has no workers: start some with "
                 f"'dask worker {self._address}'"
             )
-        if faults := unfit(self._client, must_see):
-            worker, fault = min(faults.items())
-            others = f" ({len(faults) - 1} other workers, too)" if len(faults) > 1 else ""
-            raise InputError(f"worker {worker}{others}: {fault}")
+        self._must_see, self._fit = must_see, fit
 
     def __call__(
         self,
@@ -92,8 +98,7 @@ class Cluster:
         told: Callable[[Any, float], None] = lambda task, share: None,
     ) -> Generator[tuple[Any, Any]]:
         waiting = deque(enumerate(tasks))
-        # future -> its task, and the worker it was meant for.
-        running: dict[Any, tuple[Any, str]] = {}
+        running: dict[Any, Any] = {}  # future -> task
         ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
         topic = f"beemap-{uuid.uuid4()}"
         ours = own_identity()
@@ -107,17 +112,15 @@ class Cluster:
         try:
             while waiting or running:
                 workers = self._workers()
-                busy = {worker for _, worker in running.values()}
-                room = min(self._jobs or len(workers), len(workers)) - len(running)
-                for worker in sorted(set(workers) - busy)[: max(0, room)]:
-                    if waiting:
-                        number, task = waiting.popleft()
-                        future = self._client.submit(
-                            _do, work, task, threads, ours, (topic, number),
-                            workers=worker, allow_other_workers=True, pure=False,
-                        )  # fmt: skip
-                        running[future] = (task, worker)
-                        future.add_done_callback(ended.put)
+                if not self._fit.issuperset(workers):
+                    self.check(self._must_see)  # some came later
+                # Dask gives a task to the worker with the fewest: to one that does nothing.
+                while waiting and len(running) < min(self._jobs or len(workers), len(workers)):
+                    number, task = waiting.popleft()
+                    hearer = (topic, number)
+                    future = self._client.submit(_do, work, task, threads, ours, hearer, pure=False)
+                    running[future] = task
+                    future.add_done_callback(ended.put)
                 if workers:
                     lonely = time.monotonic()
                 elif time.monotonic() - lonely > PATIENCE:
@@ -127,8 +130,7 @@ class Cluster:
                     )
                 with suppress(queue.Empty):
                     future = ended.get(timeout=LOOK_EVERY)
-                    task, _ = running.pop(future)
-                    yield task, self._outcome(future)
+                    yield running.pop(future), self._outcome(future)
         finally:
             with suppress(OSError):
                 self._client.cancel(list(running))
@@ -185,7 +187,7 @@ def _do(
     worker = get_worker()
     topic, number = hearer
     with _ONE:
-        # A worker that came later was not looked at before.
+        # What it has loaded may be older than what was looked at.
         if (fault := misfit(own_identity(), theirs)) is not None:
             return _Misfit(f"worker {worker.address}: {fault}")
         threads = threads or worker.state.nthreads

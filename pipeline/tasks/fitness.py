@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -15,8 +15,9 @@ from pipeline.tasks.identity import identity
 own_identity = cache(identity)
 
 
-def unfit(client: Any, must_see: Sequence[Path]) -> dict[str, str]:
-    """Address -> what is wrong, in words, of the workers that are not fit.
+def judge(client: Any, must_see: Sequence[Path]) -> tuple[dict[str, str], set[str]]:
+    """Address -> what is wrong, in words, of the workers that are not fit; and the addresses of
+    those that are. A worker that ends while it is asked is neither.
 
     Python first, as nothing can be asked of another one; then beemap; then the files.
     """
@@ -26,15 +27,16 @@ def unfit(client: Any, must_see: Sequence[Path]) -> dict[str, str]:
         for worker, told in client.get_versions()["workers"].items()
     }
     if faults := _faults({w: {"Python": p} for w, p in pythons.items()}, {"Python": here}):
-        return faults
+        return faults, set()
     if faults := _faults(_identities(client), own_identity()):
-        return faults
-    seen = client.run(_unseen, [str(file) for file in must_see])
-    return {
+        return faults, set()
+    unseen = _answers(client, _unseen, [str(file) for file in must_see])
+    faults = {
         worker: f"does not see {file}: its paths must be the same (a shared folder)"
-        for worker, file in seen.items()
+        for worker, file in unseen.items()
         if file is not None
     }
+    return faults, unseen.keys() - faults.keys()
 
 
 def misfit(theirs: Mapping[str, str], ours: Mapping[str, str]) -> str | None:
@@ -64,9 +66,18 @@ def _identities(client: Any) -> dict[str, dict[str, str]]:
     # By value: a worker's own copy of that function may be missing, or tell something else.
     cloudpickle.register_pickle_by_value(identity_module)
     try:
-        return client.run(identity)
+        return _answers(client, identity)
     finally:
         cloudpickle.unregister_pickle_by_value(identity_module)
+
+
+def _answers(client: Any, function: Callable[..., Any], *arguments: Any) -> dict[str, Any]:
+    """Address -> function(*arguments) there, of all workers that are still there."""
+    found = client.run(function, *arguments, on_error="return")
+    for answer in found.values():
+        if isinstance(answer, Exception) and not isinstance(answer, OSError):
+            raise answer
+    return {w: answer for w, answer in found.items() if not isinstance(answer, OSError)}
 
 
 def _unseen(files: list[str]) -> str | None:

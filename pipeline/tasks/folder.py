@@ -37,6 +37,8 @@ def open_folder(folder: Path, kind: str, name: str, force: bool) -> None:
             (folder / "rows.csv").unlink(missing_ok=True)
             for run in folder.glob("*/run.json"):
                 shutil.rmtree(run.parent)
+            for log in folder.glob("*.checkpoint"):
+                log.unlink()
     folder.mkdir(parents=True, exist_ok=True)
     mark.write_text(f"{name}\n", encoding="utf-8")
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
+from pipeline.extras import need
 from pipeline.tasks.processes import run_in_processes
 from pipeline.tasks.task import Failure
 
@@ -22,10 +23,17 @@ R = TypeVar("R")
 @dataclass(frozen=True)
 class Workers:
     """jobs: tasks at once; None: as many as there are cores, or workers of the cluster.
-    scheduler: address of a Dask scheduler; None: processes of this machine."""
+    scheduler: address of a Dask scheduler; None: processes of this machine.
+
+    Raises InputError where a scheduler is named and Dask is not installed.
+    """
 
     jobs: int | None = None
     scheduler: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.scheduler is not None:
+            need("cluster", "--scheduler")
 
 
 class Runner(Protocol):
@@ -64,9 +72,6 @@ def task_runner(workers: Workers, must_see: Sequence[Path] = ()) -> Iterator[Run
         if workers.scheduler is None:
             yield _Local(workers.jobs)
             return
-        from pipeline.extras import need
-
-        need("cluster", "--scheduler")
         from pipeline.tasks.cluster import connected
 
         with connected(workers.scheduler, workers.jobs) as cluster:

@@ -28,38 +28,19 @@ DRAWN = ("n_eff", "matched_share", "columns_answered")
 SAME = 1e-6  # m, what a path loses in its file
 
 
-class Onlooker(Watcher):
-    """Passes on what a run shows."""
-
-    def __init__(self, shown: Shown) -> None:
-        self._shown = shown
-        self._run: MapRun | None = None
-        self._depth: float | None = None
-        self._maps = 0
-
-    def begins(self, run: MapRun, ranger: StereoRanger | None) -> None:
-        """As of `Watcher`."""
-        self._run = run
-        self._depth = None if ranger is None else ranger.camera.depth_factor
-
-    def mapped(self, moment: Moment) -> None:
-        """As of `Watcher`."""
-        assert self._run is not None
-        closed, self._maps = moment.local_maps > self._maps, moment.local_maps
-        self._shown.mapped(moment, self._run, self._depth, closed)
-
-
-class Shown:
+class Shown(Watcher):
     """Logs into a rerun recording; times count from the first pair."""
 
     def __init__(self, recording: rr.RecordingStream, run: RunFolder) -> None:
         self._recording, self._run = recording, run
+        self._again: MapRun | None = None
+        self._depth: float | None = None  # of a disparity of one pixel [m]
         self._start = int(run.trajectory.stamps[0])
         truth = run.path / "truth.tum"
         self._truth = read_tum(truth) if truth.is_file() else None
         self._log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         self._log("world/robot/heading", entities.heading(), static=True)
-        self._maps = 0
+        self._maps = 0  # local maps shown
         self._every = max(1, math.ceil(int(run.facts.get("local_maps", 0)) / MAPS))
 
     def folder(self) -> None:
@@ -85,29 +66,35 @@ class Shown:
         self, job: Job, progress: Callable[[int, int], None], interrupted: Interrupted
     ) -> float:
         """The run, made again; how far its path is from the one in the folder [m]."""
-        return self._finish(job.run(progress, interrupted, NOTHING, Onlooker(self)))
+        run = job.run(progress, interrupted, NOTHING, self)
+        return 0.0 if run.partial else self._finish(run)
 
-    def mapped(self, moment: Moment, run: MapRun, depth: float | None, closed: bool) -> None:
-        """A pair or scan was taken in; depth: of a disparity of 1 px [m]; closed: a local map was
-        ended by it."""
+    def begins(self, run: MapRun, ranger: StereoRanger | None) -> None:
+        """The run that is shown."""
+        self._again = run
+        self._depth = None if ranger is None else ranger.camera.depth_factor
+
+    def mapped(self, moment: Moment) -> None:
+        """Where the robot is, what it saw, what became of it."""
         self._at(moment.stamp)
         self._log("world/robot", entities.robot(moment.pose))
         if moment.seen is not None:
-            self._observed(moment.seen, depth)
-        if closed:
-            self._closed(run)
+            self._observed(moment.seen)
+        if moment.local_maps > self._maps:
+            assert self._again is not None
+            self._closed(self._again)
 
-    def _observed(self, seen: Observation, depth: float | None) -> None:
+    def _observed(self, seen: Observation) -> None:
         if seen.scan is None:
             text = rr.TextLog(f"{seen.kind}: {seen.damage}", level=rr.TextLogLevel.WARN)
             self._log("log", text)
             return
         self._log("world/robot/scan", entities.scan_points(seen.scan))
-        if seen.pair is None or seen.frame is None or depth is None:
+        if seen.pair is None or seen.frame is None or self._depth is None:
             return
         self._log("cameras/left", entities.picture(seen.pair.left))
         self._log("cameras/right", entities.picture(seen.pair.right))
-        self._log("cameras/disparity", entities.disparity(seen.frame, depth))
+        self._log("cameras/disparity", entities.disparity(seen.frame, self._depth))
 
     def _closed(self, run: MapRun) -> None:
         """A local map was closed and the filter has taken it in."""
@@ -130,6 +117,8 @@ class Shown:
         stamps = np.array(mapper.stamps, np.int64)
         path, kept = mapper.path(), self._run.trajectory
         self._at(int(stamps[-1]))
+        if len(mapper.filter.health) > self._maps:  # the rest of the run, which is a shorter one
+            self._closed(run)
         self._log("world/map", entities.grid_map(mapper.grid()))
         self._log("world/path", entities.path(path, entities.PATH))
         odometry = np.array(mapper.odometry).reshape(-1, 3)
