@@ -14,23 +14,24 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks.rendered import cache, rendered
 from benchmarks.report import OFFICE
 from pipeline.experiments.report import machine, markdown_table
 from pipeline.recordings import open_recording
 
 PARTICLES = "mapping.particles=100"
-# 640x480, 10 pairs a second, so many seconds of driving.
-RENDER = ("--size", "640x480", "--rate", "10")
-SECONDS = 60.0
+RATE, SECONDS = 10.0, 60.0  # pairs a second, so many seconds of driving
+RENDER = ("--size", "640x480", "--rate", f"{RATE:g}", "--duration", f"{SECONDS:g}")
 SPEEDS = (1.0, 2.0, 3.0, 4.0, 6.0)
 KILLS = 50
+HOME = 1.5  # s after which the rig has put its robot back
 RESULTS = ("map.npz", "map.pgm", "trajectory.tum", "health.csv")
 
 
@@ -118,38 +119,46 @@ def same_offline(run: dict[str, Any]) -> bool:
     return all((output / n).read_bytes() == (again / n).read_bytes() for n in RESULTS)
 
 
-def kills(place: Path, recording: Path, count: int) -> tuple[int, float, int]:
-    """Kill `live` at random moments: how many recordings opened, the most seconds lost, and how
-    many resumed runs ended with the bytes of an unbroken one."""
+def killed(words: Sequence[object], recording: Path, seconds: float) -> float:
+    """Kill `beemap words` so many seconds after its first pair; the recording's last seconds that
+    are lost. The recording must open."""
+    process = subprocess.Popen(command(*words, "--quiet"))
+    listed = recording / "mav0" / "cam0" / "data.csv"
+    while not listed.exists() or listed.stat().st_size < 100:
+        if process.poll() is not None:
+            raise RuntimeError(f"beemap {words[0]} ended by itself")
+        time.sleep(0.01)
+    time.sleep(seconds)
+    moment = time.monotonic_ns()
+    process.kill()
+    process.wait()
+    return (moment - open_recording(recording).pairs[-1].stamp) / 1e9
+
+
+def kills(place: Path, recording: Path, count: int) -> tuple[list[float], list[float], int]:
+    """Kill `record`, then `live`, at random moments: the seconds lost in each, and how many
+    resumed runs ended with the bytes of an unbroken one."""
     rng = np.random.default_rng(1)
-    opened, most, same = 0, 0.0, 0
+    settings = ("--set", PARTICLES, "--set", "odometry.max_speed=3")
+    recorded, mapped, same = [], [], 0
     with rig(place / "rig", recording, 2.0) as file:
         for number in range(count):
+            folder = place / f"recorded-{number}"
+            seconds = rng.uniform(0.0, 6.0)
+            recorded.append(killed(("record", file, "-o", folder), folder, seconds))
+            time.sleep(HOME)
+        for number in range(count):
             output = place / f"killed-{number}"
-            process = subprocess.Popen(
-                command(
-                    "live", file, "-o", output, "--quiet", "--set", PARTICLES,
-                    "--set", "odometry.max_speed=3",
-                )
-            )  # fmt: skip
-            listed = output / "recording" / "mav0" / "cam0" / "data.csv"
-            while not listed.exists() or listed.stat().st_size < 100:
-                time.sleep(0.01)
-            time.sleep(rng.uniform(1.0, 12.0))
-            killed = time.monotonic_ns()
-            process.kill()
-            process.wait()
-            pairs = open_recording(output / "recording").pairs
-            opened += 1
-            most = max(most, (killed - pairs[-1].stamp) / 1e9)
+            words = ("live", file, "-o", output, *settings)
+            seconds = rng.uniform(0.0, 12.0)
+            mapped.append(killed(words, output / "recording", seconds))
             whole = place / "whole"
             words = ("map", output / "recording", "-o", whole, "--force", "--quiet")
-            settings = ("--set", PARTICLES, "--set", "odometry.max_speed=3")
             subprocess.run(command(*words, *settings), check=True)
             subprocess.run(command("map", "--resume", output, "--quiet"), check=True)
             same += all((output / n).read_bytes() == (whole / n).read_bytes() for n in RESULTS)
-            time.sleep(1.5)  # the rig puts its robot back
-    return opened, most, same
+            time.sleep(HOME)
+    return recorded, mapped, same
 
 
 def main(quick: bool = False) -> str:
@@ -158,15 +167,14 @@ def main(quick: bool = False) -> str:
         place = Path(folder)
         recording, fps, seconds = OFFICE, 2.0, 12.0
         if not quick:
-            recording, fps, seconds = place / "office", 10.0, SECONDS
-            render = ("-o", recording, *RENDER, "--duration", SECONDS, "--quiet")
-            subprocess.run(command("simulate", "office", *render), check=True)
+            fps, seconds = RATE, SECONDS
+            recording = rendered(cache() or place, "office", RENDER).path
         speeds = SPEEDS[:2] if quick else SPEEDS
         runs = {s: live(place, recording, s, seconds / s) for s in speeds}
         first = runs[1.0]
         alike = same_offline(first)
         count = 2 if quick else KILLS
-        opened, most, same = kills(place, recording, count)
+        recorded, mapped, same = kills(place, recording, count)
     return "\n\n".join(
         [
             "## Live: `python -m benchmarks.live`",
@@ -177,9 +185,11 @@ def main(quick: bool = False) -> str:
             f"At {fps:g} pairs a second mapping the recording offline gave "
             f"{'the same bytes' if alike else 'other bytes'} "
             f"({first['pairs_skipped']} pairs were skipped live).",
-            f"Killed with `kill -9` at {count} random moments: {opened} recordings opened, at most "
-            f"{most:.2f} s lost; `map --resume` ended with the bytes of an unbroken run in {same} "
-            "of them.",
+            f"Killed with `kill -9` at {count} random moments of `record` and {count} of `live`, "
+            f"{2 * fps:g} pairs a second: every recording opened, at most "
+            f"{max(recorded):.2f} and {max(mapped):.2f} s were lost (median "
+            f"{np.median(recorded):.2f}, {np.median(mapped):.2f}); `map --resume` ended with the "
+            f"bytes of an unbroken run in {same} of {count}.",
         ]
     )
 

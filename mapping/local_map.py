@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mapping.gate import ObservationGate
+from mapping.gate import gate_of
 from mapping.local_kernels import add_observations, thin
 from mapping.sensor_model import CLAMP, SensorModel
 from mapping.settings import MappingSettings
@@ -57,9 +57,7 @@ class LocalMapper:
     def __init__(self, settings: MappingSettings | None = None):
         self.settings = settings or MappingSettings()
         self.model = SensorModel.of(self.settings)
-        self.gate = ObservationGate(
-            self.settings.spacing, math.radians(self.settings.spacing_angle)
-        )
+        self.gate = gate_of(self.settings)
         self._full = 1 if self.settings.per_scan else self.settings.window
         self._motion: Motion | None = None
         self._window: list[tuple[np.ndarray, RangeScan]] = []
@@ -88,17 +86,10 @@ class LocalMapper:
         motion = self._motion
         assert motion is not None
         scans = [scan for _, scan in self._window]
-        if not self.settings.spread:
-            scans = [replace(s, sigma=np.where(np.isfinite(s.range), 0.0, np.nan)) for s in scans]
         poses = compose(inverse(motion.increment), np.array([pose for pose, _ in self._window]))
         sensors = compose(poses, np.array([scan.origin for scan in scans]))
-        blurred, likely, origin = draw(scans, sensors, self.settings.cell, self.model)
+        thinned, blurred, origin = draw_thinned(scans, sensors, self.settings, self.model)
         above = self.model.local_occupied_above
-        thinned = blurred
-        # Ranges that claim to be exact have blurred nothing.
-        if any(np.nanmax(scan.sigma, initial=0.0) > 0.0 for scan in scans):
-            eye = sensors.mean(axis=0)
-            thinned = thin(blurred, likely, *origin, self.settings.cell, eye[0], eye[1], above)
         local = LocalMap(
             log_odds=thinned,
             possible=blurred > above,
@@ -114,6 +105,24 @@ class LocalMapper:
         self._window = []
         self._motion = Motion.none(motion.last)
         return local
+
+
+def draw_thinned(
+    scans: list[RangeScan], sensors: np.ndarray, settings: MappingSettings, model: SensorModel
+) -> tuple[np.ndarray, np.ndarray, tuple[float, float]]:
+    """Fuse scans taken from sensor poses (n, 3), and thin what is blurred along the line of sight.
+
+    Returns log-odds (H, W) thinned and as they were, and the origin (x, y) of both.
+    """
+    if not settings.spread:
+        scans = [replace(s, sigma=np.where(np.isfinite(s.range), 0.0, np.nan)) for s in scans]
+    blurred, likely, origin = draw(scans, sensors, settings.cell, model)
+    # Ranges that claim to be exact have blurred nothing.
+    if not any(np.nanmax(scan.sigma, initial=0.0) > 0.0 for scan in scans):
+        return blurred, blurred, origin
+    eye, above = sensors.mean(axis=0), model.local_occupied_above
+    thinned = thin(blurred, likely, *origin, settings.cell, eye[0], eye[1], above)
+    return thinned, blurred, origin
 
 
 def draw(

@@ -121,21 +121,35 @@ class MapRequest(msgspec.Struct, frozen=True):
             versions={name: version(name) for name in VERSIONS_OF},
         )
 
+    def told(self) -> dict[str, Any]:
+        """A complete request as run.json keeps it: with settings.yaml the run can be made again."""
+        fields = msgspec.to_builtins(self)
+        del fields["settings"]
+        return fields
+
     def check_unchanged(self, where: Path) -> None:
         """Raise InputError where going on would mix what does not belong together."""
+        self.check_files(where)
+        if self.other_versions():
+            raise InputError(f"{where}: made by other versions of beemap or OpenCV: map afresh")
+
+    def check_files(self, where: Path) -> None:
+        """Raise InputError where a file beside the input was changed."""
         for file, digest in self.digests.items():
             if _digest(file) != digest:
                 raise InputError(f"{where}: {file} was changed since: map afresh")
-        now = {name: version(name) for name in self.versions}
-        if now != self.versions:
-            raise InputError(f"{where}: made by other versions of beemap or OpenCV: map afresh")
 
-    def facts(self, job: Job, threads: int) -> dict[str, Any]:
-        """What run.json says of a run of the job."""
+    def other_versions(self) -> bool:
+        """Whether what computes the observations is not what it was."""
+        return self.versions != {name: version(name) for name in self.versions}
+
+    def facts(self, job: Job, settings: Settings, threads: int) -> dict[str, Any]:
+        """What run.json says of a run of the job with these settings."""
         return {
             "input": self.input,
             **job.facts(),
             "seed": self.seed,
+            "request": self.complete(settings).told(),
             "notes": job.notes,
             "threads": threads,
             "recording": job.skipped,

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from calibration.rig import StereoRig
+from odometry.dead_reckoning import DeadReckoning
 from odometry.encoders import EncoderParameters, encoder_parameters
 from odometry.poses import PoseOdometry
 from odometry.settings import OdometrySettings
@@ -15,16 +16,20 @@ from pipeline.recordings.base import BROKEN_TICKS, Recording
 from pipeline.trajectory import read_tum
 
 if TYPE_CHECKING:
+    from pipeline.fused_motion import FusedMotion
     from pipeline.seeing import AnyMotion
     from pipeline.settings import Settings
+    from pipeline.visual_motion import VisualMotion
 
-KNOWN = "encoders, poses, poses:FILE.tum, visual, fused"
+LOOKING = ("visual", "fused")
+KNOWN = "encoders, odometry, poses, poses:FILE.tum, visual, fused"
 
 
 def check_choice(choice: str) -> None:
     """Refuse what `--motion` cannot name. Raises InputError."""
     kind, _, file = choice.partition(":")
-    if choice not in ("encoders", "poses", "visual", "fused") and not (kind == "poses" and file):
+    plain = ("encoders", "odometry", "poses", *LOOKING)
+    if choice not in plain and not (kind == "poses" and file):
         raise InputError(f"--motion {choice}: unknown (known: {KNOWN})")
 
 
@@ -39,6 +44,8 @@ def usual_motion(recording: Recording) -> tuple[str, list[str]]:
     """What a recording is mapped with unless the user chooses; and notes that he must hear."""
     if recording.ticks is not None:
         return "encoders", []
+    if recording.odometry is not None:
+        return "odometry", []
     also = "" if recording.poses is None else " (--motion poses takes the recording's own poses)"
     return "visual", [f"no wheel ticks in the recording: its motion is found from the images{also}"]
 
@@ -51,19 +58,29 @@ def motion_of(
     Raises:
         InputError: an unknown choice, or one that the recording does not hold.
     """
-    if choice not in ("visual", "fused"):
+    if choice not in LOOKING:
         return choose_motion(choice, recording, rig, settings.odometry, seed)
-    from pipeline.fused_motion import FusedMotion
-    from pipeline.visual_motion import VisualMotion
-
     if choice == "visual":
-        return VisualMotion(rig, settings.visual, seed)
-    if recording.ticks is None:
+        return looking(rig, None, settings, seed)
+    if recording.ticks is None and recording.odometry is None:
         raise InputError(
             f"{recording.path}: holds no wheel ticks (odom0/data.csv) to fuse with: give "
             "--motion visual"
         )
-    wheels = _encoders(recording, rig, settings.odometry)
+    kind = "odometry" if recording.ticks is None else "encoders"
+    wheels = choose_motion(kind, recording, rig, settings.odometry, seed)
+    return looking(rig, wheels, settings, seed)
+
+
+def looking(
+    rig: StereoRig, wheels: MotionSource | None, settings: Settings, seed: int
+) -> VisualMotion | FusedMotion:
+    """Motion from the images, alone or with the wheels."""
+    from pipeline.fused_motion import FusedMotion
+    from pipeline.visual_motion import VisualMotion
+
+    if wheels is None:
+        return VisualMotion(rig, settings.visual, seed)
     return FusedMotion(VisualMotion(rig, settings.visual, seed, hold=False), wheels)
 
 
@@ -79,6 +96,12 @@ def choose_motion(
     kind, _, file = choice.partition(":")
     if kind == "encoders":
         return _encoders(recording, rig, settings)
+    if choice == "odometry":
+        if recording.odometry is None:
+            raise InputError(
+                f"{recording.path}: holds no odometry (odometry0/data.csv): leave --motion out"
+            )
+        return DeadReckoning(recording.odometry.stamps, recording.odometry.poses, settings)
     if kind == "poses" and file:
         poses = read_tum(Path(file))
         return PoseOdometry(poses.stamps, poses.poses, settings, seed)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from typing import Any
+
 import cv2
 import numpy as np
 
@@ -21,13 +24,19 @@ PATH = (200, 120, 30)
 START = (70, 150, 40)
 END = (50, 50, 210)
 PARTICLE = (60, 150, 250)
+PLACE = (150, 50, 130)
 FONT = cv2.FONT_HERSHEY_SIMPLEX
 
 
 def draw_map(
-    grid: OccupancyGrid, path: np.ndarray, particles: np.ndarray, caption: str
+    grid: OccupancyGrid,
+    path: np.ndarray,
+    particles: np.ndarray,
+    caption: str,
+    places: Sequence[Mapping[str, Any]] = (),
 ) -> np.ndarray:
-    """The map (H, W, 3) uint8 BGR with the path (n, 3), the particles' last poses and a scale."""
+    """The map (H, W, 3) uint8 BGR with the path (n, 3), the particles' last poses, places by
+    `name`, `x`, `y`, and a scale."""
     grid = _around_path(grid, path)
     height, width = grid.probability.shape
     zoom = int(np.clip(LONG_SIDE // max(height, width), 1, 16))
@@ -52,6 +61,13 @@ def draw_map(
         cv2.circle(canvas, _xy(pixels(path[0, :2])), 8, START, -1, cv2.LINE_AA)
         end = pixels(path[-1, :2])
         cv2.rectangle(canvas, _xy(end - 7), _xy(end + 7), END, -1)
+    for place in places:
+        u, v = _xy(pixels(np.array([place["x"], place["y"]])))
+        cv2.drawMarker(canvas, (u, v), PLACE, cv2.MARKER_DIAMOND, 16, 3, cv2.LINE_AA)
+        # OpenCV's letters are those of ASCII.
+        name = place["name"].encode("ascii", "replace").decode()
+        for colour, width in ((PAPER, 4), (PLACE, 1)):
+            cv2.putText(canvas, name, (u + 12, v + 5), FONT, 0.6, colour, width, cv2.LINE_AA)
     _footer(canvas, grid.cell / zoom, MARGIN * 2 + picture.shape[0], caption)
     return canvas
 

@@ -24,6 +24,7 @@ from odometry.motion import compose
 from pipeline.health import health_lines, image_lines
 from pipeline.map_files import write_map_server, write_npz
 from pipeline.picture import draw_map
+from pipeline.places import located, write_places
 from pipeline.run import KeyFrame, MapRun
 from pipeline.settings import Settings, as_yaml
 from pipeline.trajectory import Trajectory, distance_travelled, write_tum
@@ -71,7 +72,9 @@ def write_results(
     write_tum(folder / "odometry.tum", Trajectory(stamps, np.array(mapper.odometry).reshape(-1, 3)))
     if truth is not None:
         write_tum(folder / "truth.tum", truth)
-    _write_picture(folder / "map.png", run, grid, path)
+    places = located(run.places, mapper.stamps, path)
+    write_places(folder, places)
+    _write_picture(folder / "map.png", run, grid, path, places)
     _write_cloud(folder / "map.ply", *map_points(grid))
     if run.key_frames is not None:
         _write_cloud(folder / "cloud.ply", *_world_points(run.key_frames, path), voxel=VOXEL)
@@ -86,13 +89,15 @@ def _length(path: np.ndarray) -> float:
     return float(distance_travelled(path)[-1]) if len(path) else 0.0
 
 
-def _write_picture(file: Path, run: MapRun, grid: OccupancyGrid, path: np.ndarray) -> None:
+def _write_picture(
+    file: Path, run: MapRun, grid: OccupancyGrid, path: np.ndarray, places: list[dict]
+) -> None:
     caption = (
         f"{run.used} {run.unit}, {len(run.mapper.filter.health)} local maps, "
         f"{_length(path):.1f} m of path, cells of {grid.cell * 1000:.0f} mm"
         + (", PARTIAL: the run was interrupted" if run.partial else "")
     )
-    picture = draw_map(grid, path, run.mapper.filter.poses, caption)
+    picture = draw_map(grid, path, run.mapper.filter.poses, caption, places)
     encoded, data = cv2.imencode(".png", picture)
     assert encoded
     file.write_bytes(data.tobytes())

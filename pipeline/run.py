@@ -21,9 +21,11 @@ from pipeline.errors import InputError
 from pipeline.frontend import UNREADABLE, Observation, ahead, observe
 from pipeline.health import REMEDIES
 from pipeline.motion_told import told
+from pipeline.places import Place
 from pipeline.recordings.base import DamagedFrameError, Pair, Recording, image_size
 from pipeline.seeing import AnyMotion, LoadedPair, moved
 from pipeline.settings import Settings
+from pipeline.watcher import NOBODY, Moment, Watcher
 from stereo.errors import StereoError
 from stereo.pair_check import check_pair
 from stereo.ranger import StereoRanger
@@ -55,7 +57,8 @@ class MapRun:
     """All that a run found out; `pipeline.results` writes it down.
 
     unit: what the input consists of; key_frames: None where there are no images; brightness: of
-    each observation, the left image over the right one; told: what the motion's source has to say.
+    each observation, the left image over the right one; told: what the motion's source has to say;
+    places: marked by somebody who watched.
     """
 
     mapper: HierarchicalMapper
@@ -66,6 +69,7 @@ class MapRun:
     brightness: list[float] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=lambda: defaultdict(float))
     told: list[str] = field(default_factory=list)
+    places: list[Place] = field(default_factory=list)
     partial: bool = False
 
     @property
@@ -112,11 +116,12 @@ def map_recording(
     interrupted: Interrupted = lambda: False,
     known: Observations = NOTHING,
     begin: KnownMap | None = None,
+    watcher: Watcher = NOBODY,
 ) -> MapRun:
     """Map a recording; `progress` and `interrupted` as in `MapRun.each`.
 
     known: what was seen in a run before, which need not be looked at again. begin: a map to go on
-    in.
+    in. watcher: is shown how the run goes, images included.
 
     Raises:
         InputError: images and rig do not fit, or no pair can be used.
@@ -127,25 +132,44 @@ def map_recording(
     check_images(recording, rig, ranger)
     mapper = HierarchicalMapper(settings.mapping, seed, begin)
     run = MapRun(mapper)
-
-    def work(step: Step) -> Observation | None:
-        if not step.due:
-            return None
-        return known.get(step.pair.stamp) or observe(step.pair, ranger, step.key_frame)
+    watcher.begins(run, ranger)
 
     total = len(recording.pairs)
-    stepper = Stepper(mapper.gate)
-    with_motion = moved(recording.pairs, motion, threads)
-    steps = (stepper.step(pair, motion) for pair, motion in with_motion)
-    for step, seen in run.each(ahead(steps, work, threads), total, progress, interrupted):
+    looks = look(recording, ranger, mapper.gate, motion, threads, known, watcher is not NOBODY)
+    for step, seen in run.each(looks, total, progress, interrupted):
         if seen is not None:
             known.add(step.pair.stamp, seen)
         take(step, seen, run)
+        show(step, seen, run, watcher)
     if not run.counts["observations"] and not run.partial:
         raise InputError(f"{recording.path}: none of {total} pairs could be used: {_why(run)}")
     mapper.finish()
     run.told = told(motion, recording.pairs[0].stamp)
     return run
+
+
+def look(
+    recording: Recording,
+    ranger: StereoRanger,
+    gate: ObservationGate,
+    motion: AnyMotion,
+    threads: int,
+    known: Observations = NOTHING,
+    keep: bool = False,
+) -> Iterator[tuple[Step, Observation | None]]:
+    """Every pair on its way, and what is seen in it where it is due: all that a mapper is given.
+
+    known: as of `map_recording`. keep: images and disparities are passed on, too.
+    """
+
+    def work(step: Step) -> Observation | None:
+        if not step.due:
+            return None
+        return known.get(step.pair.stamp) or observe(step.pair, ranger, step.key_frame, keep)
+
+    stepper = Stepper(gate)
+    with_motion = moved(recording.pairs, motion, threads)
+    yield from ahead((stepper.step(pair, m) for pair, m in with_motion), work, threads)
 
 
 class Stepper:
@@ -194,6 +218,14 @@ def take(step: Step, seen: Observation | None, run: MapRun) -> None:
     run.mapper.observe(seen.scan)
     if run.key_frames is not None and seen.points is not None and seen.colours is not None:
         run.key_frames.append(KeyFrame(len(run.mapper.stamps) - 1, seen.points, seen.colours))
+
+
+def show(step: Step, seen: Observation | None, run: MapRun, watcher: Watcher) -> None:
+    """Show a watcher what `take` made of a pair, where it has a pose."""
+    if step.motion is not None:
+        mapper = run.mapper
+        maps = len(mapper.filter.health)
+        watcher.mapped(Moment(step.pair.stamp, step.pair, seen, mapper.pose, maps))
 
 
 def _skip(run: MapRun, kind: str, damage: str) -> None:

@@ -60,13 +60,18 @@ def moved(
         for pair in pairs:
             yield pair, motion.until(pair.stamp)
         return
-
-    def look(pair: Pair) -> tuple[LoadedPair, Pyramids | None]:
-        try:
-            loaded = pair.load()
-            return LoadedPair(pair, loaded), motion.prepare(loaded)
-        except (DamagedFrameError, StereoError) as error:
-            return LoadedPair(pair, None, str(error)), None
-
-    for _, (loaded, pyramids) in ahead(pairs, look, threads):
+    for _, (loaded, pyramids) in ahead(pairs, lambda pair: _look(pair, motion), threads):
         yield loaded, motion.step(loaded.stamp, pyramids)
+
+
+def move(pair: Pair, motion: AnyMotion) -> tuple[Pair, Motion | None]:
+    """As `moved`, of a pair that has come just now."""
+    return next(moved([pair], motion, threads=1))
+
+
+def _look(pair: Pair, motion: VisualMotion | FusedMotion) -> tuple[LoadedPair, Pyramids | None]:
+    try:
+        loaded = pair.load()
+        return LoadedPair(pair, loaded), motion.prepare(loaded)
+    except (DamagedFrameError, StereoError) as error:
+        return LoadedPair(pair, None, str(error)), None

@@ -10,13 +10,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 from hypothesis import settings
 
-from pipeline.cli import main
+from pipeline.cli import cli, main
 from tests.batch_runs import batch_command, cut
 
 OFFICE = Path(__file__).parent.parent / "data" / "office"
 PAIRS = 40
+QUICK = ("--set", "mapping.particles=20", "--quiet")  # of `office_run`
 
 # The first example of a test may load OpenCV or compile a kernel.
 settings.register_profile("beemap", deadline=None)
@@ -53,6 +55,15 @@ def office_piece(tmp_path_factory) -> Path:
         (target / "data.csv").write_text("\n".join([header, *early]) + "\n")
     shutil.copy(OFFICE / "mav0" / "odom0" / "sensor.yaml", piece / "mav0" / "odom0")
     return piece
+
+
+@pytest.fixture(scope="session")
+def office_run(office_piece, tmp_path_factory) -> Path:
+    """The result folder of that piece, with few particles; not to be changed."""
+    run = tmp_path_factory.mktemp("run") / "run"
+    done = CliRunner().invoke(cli, ["map", str(office_piece), "-o", str(run), *QUICK])
+    assert done.exit_code == 0, done
+    return run
 
 
 @pytest.fixture(scope="session")

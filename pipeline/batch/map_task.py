@@ -74,7 +74,7 @@ def map_into(task: MapTask) -> bool:
         run = job.run(lambda done, total: here.tell(done / total), watch.gone, known)
         open3d.wait()
         if not run.partial:
-            facts = {**task.request.facts(job, here.threads), "key": key}
+            facts = {**task.request.facts(job, settings, here.threads), "key": key}
             with new_folder(task.output, force=True) as folder:
                 run.seconds["total"] = time.perf_counter() - begin
                 write_results(folder, run, settings, job.truth, facts)

@@ -9,6 +9,8 @@ from typing import Any
 import click
 import msgspec
 
+from pipeline.commands.web_options import check_web, watched, web_options
+
 
 @click.command("live")
 @click.argument("rig_file", metavar="RIG", type=click.Path(path_type=Path))
@@ -23,6 +25,11 @@ import msgspec
     help="Folder of the recording.  [default: recording in the result folder]",
 )
 @click.option(
+    "--motion",
+    type=click.Choice(["encoders", "visual", "fused"]),
+    help="From the wheels, the images, or both.  [default: encoders, without any visual]",
+)
+@click.option(
     "--continue",
     "known_map",
     type=click.Path(path_type=Path),
@@ -30,6 +37,7 @@ import msgspec
     help="Begin in a map made before: a result folder, map.npz or map.yaml.",
 )
 @click.option("--pose", metavar="X,Y,DEG", help="Where in it; else it is searched.")
+@web_options
 @click.option("--poses", metavar="FILE|-", help="Pose after every pair, new maps: JSON lines.")
 @click.option("--settings", "settings_file", type=click.Path(path_type=Path), help="YAML settings.")
 @click.option("--set", "overrides", multiple=True, metavar="STAGE.KEY=VALUE", help="One setting.")
@@ -44,8 +52,12 @@ def live_command(
     rig_file: Path,
     output: Path,
     recording: Path | None,
+    motion: str | None,
     known_map: Path | None,
     pose: str | None,
+    web: bool,
+    host: str | None,
+    port: int | None,
     poses: str | None,
     settings_file: Path | None,
     overrides: tuple[str, ...],
@@ -58,12 +70,12 @@ def live_command(
     """Map with the devices that RIG names, until Ctrl-C; everything is recorded, too.
 
     Map and path are saved whenever the map has grown (map.yaml, map.npz, trajectory.tum, each
-    replaced whole) and at the end, with all that `beemap map` writes. It listens nowhere, and
-    speaks to nobody but the devices of the rig.
+    replaced whole) and at the end, with all that `beemap map` writes. It speaks to nobody but the
+    devices of the rig; with --web it listens on this machine alone, unless --host says otherwise.
 
     \b
     beemap simulate rig --preset office             (in another terminal)
-    beemap live virtual-rig/rig.yaml -o run --poses -
+    beemap live virtual-rig/rig.yaml -o run --web
     """
     from pipeline.checkpoint import Checkpoint
     from pipeline.commands.libraries import use_threads
@@ -74,10 +86,15 @@ def live_command(
     from pipeline.live.live_run import LiveOptions, begin_output, live_run
     from pipeline.map_request import MapRequest, parse_begin
     from pipeline.settings import load_settings
+    from pipeline.watcher import NOBODY
 
+    check_web(web, host, port)
     rig = load_live_rig(rig_file)
     rig.source.calibrated()
-    rig.wheels()
+    if motion is None:
+        motion = "visual" if rig.parameters is None else "encoders"
+    elif motion != "visual":
+        rig.wheels()
     settings = load_settings(settings_file, overrides)
     begin = parse_begin(known_map, pose)
     known_grid = None if begin is None else begin.known()
@@ -85,18 +102,25 @@ def live_command(
         check_new(recording)
     use_threads(threads or os.cpu_count() or 1)
     place = recording or output / "recording"
-    facts = {"input": str(rig_file), "format": "live", "motion": "encoders", "seed": seed}
+    facts = {"input": str(rig_file), "format": "live", "motion": motion, "seed": seed}
     facts["recording"] = str(place)
     lines = EventLines(poses) if poses else None
     screen = Screen(quiet)
+    if rig.parameters is None:
+        screen.tell(f"{rig_file}: names no encoders: motion is found from the images")
+    name = output.resolve().name
     try:
-        begin_output(output, force, facts)
-        # What mapping the recording offline would be asked for: `map --resume` goes on with that.
-        asked = MapRequest(str(place), motion="encoders", seed=seed, begin=begin)
-        asked = asked.complete(settings)
-        known = Checkpoint.start(output / "checkpoint", msgspec.to_builtins(asked))
-        with until_interrupted() as stop:
-            options = LiveOptions(settings, seed, duration, stop, known, facts, known_grid)
+        with until_interrupted() as stop, watched(web, host, port, name, output, stop) as page:
+            begin_output(output, force, facts)
+            # What mapping the recording offline would be asked for: `map --resume` goes on so.
+            asked = MapRequest(str(place), motion=motion, seed=seed, begin=begin)
+            asked = asked.complete(settings)
+            facts["request"] = asked.told()
+            known = Checkpoint.start(output / "checkpoint", msgspec.to_builtins(asked))
+            screen.page = page
+            options = LiveOptions(
+                settings, seed, duration, stop, known, facts, known_grid, motion, page or NOBODY
+            )
             sinks = {"on_pose": lines, "on_map": lines} if lines else {}
             summary = live_run(
                 rig, output, place, options, **sinks, tell=screen.tell, on_status=screen.status

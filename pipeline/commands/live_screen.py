@@ -13,15 +13,20 @@ import click
 
 if TYPE_CHECKING:
     from pipeline.live.status import Status
+    from pipeline.web.run_state import RunState
 
 # Without a terminal the line is printed each so many times.
 SELDOM = 10
 
 
 class Screen:
-    """One line that is written over on a terminal; notes above it. All on standard error."""
+    """One line that is written over on a terminal; notes above it. All on standard error.
+
+    page: is told the same.
+    """
 
     def __init__(self, quiet: bool) -> None:
+        self.page: RunState | None = None
         self._quiet = quiet
         self._terminal = sys.stderr.isatty()
         self._count = 0
@@ -29,6 +34,8 @@ class Screen:
 
     def status(self, status: Status) -> None:
         """Show the status line."""
+        if self.page is not None:
+            self.page.status(status.figures(), status.checks())
         if self._quiet:
             return
         with self._lock:
@@ -40,6 +47,8 @@ class Screen:
 
     def tell(self, text: str) -> None:
         """Say what happened."""
+        if self.page is not None:
+            self.page.tell(text)
         if self._quiet:
             return
         with self._lock:

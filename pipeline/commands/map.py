@@ -48,8 +48,9 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--motion",
-    help="encoders, visual (from the images), fused (both), poses (the recording's own) or "
-    "poses:FILE.tum; default: encoders where there are any, else visual",
+    help="encoders, odometry (kept as poses), visual (from the images), fused (wheels and images), "
+    "poses (the recording's own truth) or poses:FILE.tum; default: the first of these three that "
+    "there is",
 )
 @click.option(
     "--method",
@@ -106,7 +107,7 @@ def map_command(
     name, .tum) comes along. Ctrl-C ends the run early with the results so far; --resume goes on.
     """
     from pipeline.checkpoint import Checkpoint
-    from pipeline.folders import remove_remains
+    from pipeline.folders import check_output, remove_remains
     from pipeline.map_request import MapRequest, Ticks, checkpoint_of, parse_begin, resumed
 
     threads = threads or os.cpu_count() or 1
@@ -123,7 +124,7 @@ def map_command(
         raise click.UsageError("Missing argument 'INPUT'")
     if output is None:
         raise click.UsageError("Missing option '-o'")
-    _check_output(recording, output, force)
+    check_output(recording, output, force)
     if method is not None:
         overrides = (*overrides, f"mapping.method={method}")
     table = Ticks(str(ticks), ticks_columns, ticks_unit, ticks_offset) if ticks else None
@@ -134,14 +135,6 @@ def map_command(
     asked = request.complete(settings)
     with Checkpoint.start(checkpoint_of(output), msgspec.to_builtins(asked)) as checkpoint:
         _map(request, job, settings, checkpoint, output, threads, force, quiet)
-
-
-def _check_output(recording: Path, output: Path, force: bool) -> None:
-    from pipeline.folders import check_target
-
-    check_target(output, force)
-    if output.exists() and recording.resolve().is_relative_to(output.resolve()):
-        raise InputError(f"{output}: holds the recording: choose another folder for the results")
 
 
 def _map(
@@ -170,7 +163,7 @@ def _map(
     with _in_place(output) if inside else new_folder(output, force) as folder:
         run = _run(job, quiet, open3d, checkpoint)
         open3d.wait()
-        facts = request.facts(job, threads)
+        facts = request.facts(job, settings, threads)
         run.seconds["total"] = time.perf_counter() - begin
         from pipeline.results import write_results
 
@@ -242,7 +235,7 @@ def _print_summary(
         for reason, names in reasons.items():
             click.echo(f"skipped: {reason}: {counted(names)}")
     for key, value in summary.get("odometry", {}).items():
-        if value and key.startswith(("ticks_", "tick_gaps", "longest", "poses_skipped")):
+        if value and key.startswith(("ticks_", "tick_gaps", "longest", "poses_")):
             click.echo(f"odometry: {key.replace('_', ' ')}: {value:g}")
     for line in summary["health"]:
         click.echo(f"health: {line}")

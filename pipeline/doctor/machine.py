@@ -55,7 +55,7 @@ def disk_check(folder: Path, pair_bytes: float | None, fps: float) -> Check:
 
 def processor_check(rig: StereoRig, settings: Settings) -> Check:
     """Time an observation, and a local map, on made-up images; what a moving robot needs."""
-    warm_up(rig, settings)
+    warm_up(rig, settings, looks=False)
     width, height = rig.image_size
     noise = np.random.default_rng(1).integers(0, 255, (height, width), np.uint8)
     ranger = make_ranger(rig, settings)

@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from calibration.rig import StereoRig
 from mapping.known_map import KnownMap
 from odometry.live import LiveOdometry
 from pipeline.checkpoint import NOTHING, Observations
@@ -29,15 +30,19 @@ from pipeline.errors import InputError
 from pipeline.folders import check_target, replace_files
 from pipeline.live.capture import Session, capture
 from pipeline.live.devices import LiveRig
-from pipeline.live.events import OnMap, OnPose
+from pipeline.live.events import MapEvent, OnMap, OnPose
 from pipeline.live.map_saver import MapSaver
 from pipeline.live.mapping_thread import LiveMapper
 from pipeline.live.status import Status
 from pipeline.live.warm_up import warm_up
+from pipeline.motion import LOOKING, looking
 from pipeline.results import write_results
 from pipeline.rig import NO_MOUNT
 from pipeline.run import MapRun
+from pipeline.seeing import AnyMotion
 from pipeline.settings import Settings
+from pipeline.trajectory import Trajectory
+from pipeline.watcher import NOBODY, Watcher
 
 STATUS_EVERY = 1.0  # s
 TICK = 0.05  # s between looks at what the threads do
@@ -47,7 +52,7 @@ TICK = 0.05  # s between looks at what the threads do
 class LiveOptions:
     """settings, seed: as of `map`; duration: ends by itself after so many seconds; stop: ends it
     when set; known: where observations are kept for `--resume`; facts: for run.json; begin: a map
-    to go on in."""
+    to go on in; motion: "encoders", "visual" or "fused"; watcher: who looks on."""
 
     settings: Settings
     seed: int = 1
@@ -56,6 +61,8 @@ class LiveOptions:
     known: Observations = NOTHING
     facts: dict[str, Any] = field(default_factory=dict)
     begin: KnownMap | None = None
+    motion: str = "encoders"
+    watcher: Watcher = NOBODY
 
 
 def _ignore(*_: object) -> None:
@@ -77,23 +84,29 @@ def live_run(
     on_pose, on_map: called from the threads that map and save; they must not wait.
 
     Raises:
-        RigError: not calibrated; CameraError, OdometryError, InputError: devices or folders; the
-        results so far are saved first where there are any.
+        RigError: not calibrated; CameraError, OdometryError, InputError: devices or folders, or
+        wheels are wanted that the rig has not; the results so far are saved first where there are
+        any.
     """
     begin = time.perf_counter()
     stereo_rig = rig.source.calibrated()
-    _, parameters = rig.wheels()
+    if options.motion != "visual":
+        rig.wheels()
     if stereo_rig.mount is None:
         tell(NO_MOUNT)
         from calibration.rig import Mount
 
         stereo_rig = stereo_rig.with_mount(Mount())
-    settings = options.settings
-    warm_up(stereo_rig, settings)
+    settings, watcher = options.settings, options.watcher
+
+    def saved(event: MapEvent) -> None:
+        on_map(event)
+        watcher.saved(event)
+
+    warm_up(stereo_rig, settings, looks=options.motion in LOOKING)
     with capture(rig, recording, settings.odometry, tell) as session:
-        assert session.tap is not None
-        saver = MapSaver(output, on_map)
-        motion = LiveOdometry(session.tap, parameters, settings.odometry)
+        saver = MapSaver(output, saved)
+        motion = _motion(rig, stereo_rig, session, options)
         mapper = LiveMapper(
             stereo_rig,
             motion,
@@ -104,8 +117,9 @@ def live_run(
             on_pose,
             session.note,
             options.begin,
+            watcher,
         )
-        session.sinks.append(mapper.offer)
+        session.sinks += [watcher.captured, mapper.offer]
         mapper.start()
         session.start()
         try:
@@ -117,10 +131,25 @@ def live_run(
     facts = {**options.facts, "odometry": motion.report(), **_counts(session, mapper, saver)}
     run.seconds["total"] = time.perf_counter() - begin
     summary = save_results(output, run, settings, facts)
+    watcher.ended(run)
     error = mapper.error or (InputError(session.recorder.error) if session.recorder.error else None)
     if error is not None:
         raise error
     return summary
+
+
+def _motion(
+    rig: LiveRig, stereo_rig: StereoRig, session: Session, options: LiveOptions
+) -> AnyMotion:
+    """The motion that is asked for, from the devices that are open."""
+    settings = options.settings
+    if options.motion == "visual":
+        return looking(stereo_rig, None, settings, options.seed)
+    assert session.tap is not None
+    wheels = LiveOdometry(session.tap, rig.wheels()[1], settings.odometry)
+    if options.motion == "fused":
+        return looking(stereo_rig, wheels, settings, options.seed)
+    return wheels
 
 
 def _watch(
@@ -164,7 +193,11 @@ def _spread(seconds: list[float]) -> dict[str, float]:
 
 
 def save_results(
-    output: Path, run: MapRun, settings: Settings, facts: dict[str, Any]
+    output: Path,
+    run: MapRun,
+    settings: Settings,
+    facts: dict[str, Any],
+    truth: Trajectory | None = None,
 ) -> dict[str, Any]:
     """All result files, each in place of an earlier one, run.json last.
 
@@ -174,7 +207,7 @@ def save_results(
     shutil.rmtree(partial, ignore_errors=True)
     try:
         partial.mkdir()
-        summary = write_results(partial, run, settings, None, facts)
+        summary = write_results(partial, run, settings, truth, facts)
         replace_files(partial, output, "run.json")
     except OSError as error:
         raise InputError(

@@ -7,6 +7,7 @@ import threading
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,17 +15,35 @@ from mapping.grid import OccupancyGrid
 from pipeline.folders import replace_files
 from pipeline.live.events import MapEvent, OnMap
 from pipeline.map_files import write_map_server, write_npz
+from pipeline.places import located, write_places
 from pipeline.trajectory import Trajectory, write_tum
+
+if TYPE_CHECKING:
+    from pipeline.run import MapRun
 
 
 @dataclass(frozen=True, eq=False)
 class Snapshot:
-    """A map and the path at one moment; ready: when it was taken [monotonic s]."""
+    """A map and the path at one moment; ready: when it was taken [monotonic s]; particles: (N, 3)
+    poses when the last local map closed, the best one's first; places: as `places.located`."""
 
     grid: OccupancyGrid
     trajectory: Trajectory
     local_maps: int
     ready: float
+    particles: np.ndarray
+    places: list[dict[str, Any]]
+
+    @staticmethod
+    def of(run: MapRun) -> Snapshot:
+        """What a run knows now; in the thread that maps."""
+        mapper, ready = run.mapper, time.monotonic()
+        path = mapper.path()
+        places = located(run.places, mapper.stamps, path)
+        trajectory = Trajectory(np.array(mapper.stamps, np.int64), path)
+        filter_ = mapper.filter
+        particles = np.roll(filter_.poses, -filter_.best, axis=0)
+        return Snapshot(mapper.grid(), trajectory, len(filter_.health), ready, particles, places)
 
 
 class MapSaver:
@@ -77,14 +96,10 @@ class MapSaver:
         write_map_server(partial, snapshot.grid)
         write_npz(partial / "map.npz", snapshot.grid)
         write_tum(partial / "trajectory.tum", snapshot.trajectory)
+        write_places(partial, snapshot.places)
         replace_files(partial, self.folder, "map.yaml")
         latency = time.monotonic() - snapshot.ready
         self.latencies.append(latency)
         stamps = snapshot.trajectory.stamps
         stamp = int(stamps[-1]) if len(stamps) else 0
         self._on_map(MapEvent(stamp, self.folder / "map.yaml", snapshot.local_maps, latency))
-
-
-def path_of(stamps: list[int], poses: np.ndarray) -> Trajectory:
-    """Stamps [ns] and poses (n, 3) as a trajectory."""
-    return Trajectory(np.array(stamps, np.int64), poses)

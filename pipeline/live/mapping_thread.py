@@ -10,14 +10,17 @@ from collections.abc import Callable
 from calibration.rig import StereoRig
 from mapping.known_map import KnownMap
 from mapping.mapper import HierarchicalMapper
-from odometry.source import MotionSource
 from pipeline.checkpoint import Observations
 from pipeline.errors import InputError
 from pipeline.frontend import observe
 from pipeline.live.events import OnPose, PoseEvent
-from pipeline.live.map_saver import MapSaver, Snapshot, path_of
-from pipeline.run import MapRun, Step, Stepper, make_ranger, take
+from pipeline.live.map_saver import MapSaver, Snapshot
+from pipeline.motion_told import told
+from pipeline.recordings.base import DamagedFrameError, Pair
+from pipeline.run import MapRun, Stepper, make_ranger, show, take
+from pipeline.seeing import AnyMotion, move
 from pipeline.settings import Settings
+from pipeline.watcher import NOBODY, Watcher
 from stereo.camera import CapturedPair
 from stereo.errors import StereoError
 
@@ -31,6 +34,7 @@ Tell = Callable[[str], None]
 class LiveMapper:
     """Maps pairs in a thread of its own.
 
+    motion: looked at in this thread, too, where it looks at the images.
     run: as of a recording. skipped: pairs given up because mapping was late. error: what ended it.
     latencies: from an image to its pose [s].
     """
@@ -38,7 +42,7 @@ class LiveMapper:
     def __init__(
         self,
         rig: StereoRig,
-        motion: MotionSource,
+        motion: AnyMotion,
         settings: Settings,
         seed: int,
         known: Observations,
@@ -46,6 +50,7 @@ class LiveMapper:
         on_pose: OnPose,
         tell: Tell,
         begin: KnownMap | None = None,
+        watcher: Watcher = NOBODY,
     ) -> None:
         self.mapper = HierarchicalMapper(settings.mapping, seed, begin)
         self.run = MapRun(self.mapper)
@@ -60,7 +65,9 @@ class LiveMapper:
         self._saver = saver
         self._on_pose = on_pose
         self._tell = tell
+        self._watcher = watcher
         self._looks: list[bool] = []
+        self._first: int | None = None
         self._pairs: deque[CapturedPair] = deque()
         self._news = threading.Condition()
         self._ended = False
@@ -68,6 +75,7 @@ class LiveMapper:
 
     def start(self) -> None:
         """Begin to map."""
+        self._watcher.begins(self.run, self._ranger)
         self._thread.start()
 
     def offer(self, pair: CapturedPair) -> None:
@@ -94,6 +102,7 @@ class LiveMapper:
         begin = time.perf_counter()
         self.mapper.finish()
         self.run.seconds["mapping"] += time.perf_counter() - begin
+        self.run.told = told(self._motion, self._first or 0)
         return self.run
 
     def _loop(self) -> None:
@@ -108,13 +117,15 @@ class LiveMapper:
         except Exception as error:
             self.error = error
 
-    def _map(self, pair: CapturedPair) -> None:
+    def _map(self, captured: CapturedPair) -> None:
         local_maps = len(self.mapper.filter.health)
-        step = self._stepper.step(pair, self._motion.until(pair.stamp))
+        pair, motion = move(captured, self._motion)
+        self._first = self._first or pair.stamp
+        step = self._stepper.step(pair, motion)
         seen = None
         if step.due:
-            self._check(step, pair)
-            seen = observe(pair, self._ranger, step.key_frame)
+            self._check(pair)
+            seen = observe(pair, self._ranger, step.key_frame, keep=self._watcher is not NOBODY)
             self._known.add(pair.stamp, seen)
         begin = time.perf_counter()
         take(step, seen, self.run)
@@ -124,22 +135,19 @@ class LiveMapper:
         latency = (time.monotonic_ns() - pair.stamp) / 1e9
         self.latencies.append(latency)
         self._on_pose(PoseEvent(pair.stamp, self.mapper.pose, latency, step.due))
-        if len(self.mapper.filter.health) > local_maps:
-            self._save()
+        show(step, seen, self.run, self._watcher)
+        if len(self.mapper.filter.health) > local_maps or self._watcher.wants_map():
+            snapshot = Snapshot.of(self.run)
+            self._saver.offer(snapshot)
+            self._watcher.grew(snapshot)
 
-    def _save(self) -> None:
-        closed = time.monotonic()
-        path = path_of(self.mapper.stamps, self.mapper.path())
-        maps = len(self.mapper.filter.health)
-        self._saver.offer(Snapshot(self.mapper.grid(), path, maps, closed))
-
-    def _check(self, step: Step, pair: CapturedPair) -> None:
+    def _check(self, pair: Pair) -> None:
         """Refuse images that the rig does not fit, or that are exchanged, at the first looks."""
         if len(self._looks) >= LOOKS:
             return
         try:
             loaded = pair.load()
-        except StereoError:
+        except (StereoError, DamagedFrameError):
             return  # damaged: counted when it is observed
         height, width = loaded.left.shape[:2]
         if (width, height) != tuple(self._rig.image_size):

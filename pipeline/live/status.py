@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from mapping.mapper import HierarchicalMapper
+
 if TYPE_CHECKING:
     from pipeline.live.capture import Session
     from pipeline.live.mapping_thread import LiveMapper
@@ -21,8 +23,8 @@ class Status:
     def __init__(self, session: Session, mapper: LiveMapper | None = None) -> None:
         self._session = session
         self._mapper = mapper
-        self._before = {"pairs": 0, "readings": 0}
-        self.rates = {"pairs": 0.0, "readings": 0.0}
+        self._before = {"pairs": 0, "readings": 0, "lost": 0, "skipped": 0}
+        self.rates = dict.fromkeys(self._before, 0.0)
 
     def measure(self, seconds: float) -> None:
         """Take the rates since the last call, `seconds` ago."""
@@ -30,6 +32,8 @@ class Status:
         now = {
             "pairs": self._session.camera.report().pairs,
             "readings": encoders.report().get("readings", 0) if encoders else 0,
+            "lost": self._session.recorder.counts["dropped"],
+            "skipped": self._mapper.skipped if self._mapper else 0,
         }
         self.rates = {key: (now[key] - self._before[key]) / seconds for key in now}
         self._before = now
@@ -58,22 +62,64 @@ class Status:
             parts.append(f"at {x:.2f} {y:.2f} m {math.degrees(theta):.0f} deg")
         return parts
 
+    def figures(self) -> dict[str, str]:
+        """What the line says, by name."""
+        found = {"pairs a second": f"{self.rates['pairs']:.1f}"}
+        if self._session.encoders is not None:
+            found["wheel readings a second"] = f"{self.rates['readings']:.0f}"
+        found["pairs recorded"] = str(self._session.recorder.counts["pairs"])
+        if self._mapper is not None:
+            found["pairs waiting"] = str(self._mapper.backlog)
+            found |= mapping_figures(self._mapper.mapper)
+        return found
+
     def warnings(self) -> list[str]:
         """What the user should look after."""
-        found = []
+        return [text for text in self.checks().values() if text]
+
+    def checks(self) -> dict[str, str]:
+        """What is looked at, and what is wrong with it; empty: nothing."""
         camera, encoders = self._session.camera, self._session.encoders
-        if (silent := camera.silence()) > SILENT:
-            found.append(f"no image for {silent:.0f} s")
-        if encoders is not None and not encoders.connected:
-            found.append("encoders lost")
-        elif encoders is not None and not self.rates["readings"]:
-            found.append("no reading of the encoders")
-        if (skew := camera.report().skew_ms[1]) > SKEW_MS:
-            found.append(f"left and right {skew:.0f} ms apart")
-        health = self._mapper.mapper.filter.health if self._mapper else []
-        if health and health[-1].answered < FEW_COLUMNS:
-            found.append("few columns answer: more light or texture")
-        particles = self._mapper.mapper.settings.particles if self._mapper else 0
-        if health and health[-1].n_eff < FEW_PARTICLES * particles:
-            found.append("few particles agree")
+        silent, skew = camera.silence(), camera.report().skew_ms[1]
+        found = {
+            "cameras": f"no image for {silent:.0f} s" if silent > SILENT else "",
+            "left and right in step": f"left and right {skew:.0f} ms apart"
+            if skew > SKEW_MS
+            else "",
+        }
+        if encoders is not None:
+            found["wheels"] = "" if self.rates["readings"] else "no reading of the encoders"
+            if not encoders.connected:
+                found["wheels"] = "encoders lost"
+        found["disk keeps up"] = (
+            "pairs are lost: the disk is too slow" if self.rates["lost"] else ""
+        )
+        if self._mapper is not None:
+            late = self.rates["skipped"] > 0
+            found["mapping keeps up"] = "mapping is late: pairs are skipped" if late else ""
+            found |= mapping_checks(self._mapper.mapper)
         return found
+
+
+def mapping_figures(mapper: HierarchicalMapper) -> dict[str, str]:
+    """How the map grows, by name."""
+    health = mapper.filter.health
+    found = {"local maps": str(len(health))}
+    if health:
+        share = health[-1].n_eff / mapper.settings.particles
+        found |= {
+            "particles that agree (N_eff)": f"{share:.0%}",
+            "columns that answered": f"{health[-1].answered:.0%}",
+        }
+    return found
+
+
+def mapping_checks(mapper: HierarchicalMapper) -> dict[str, str]:
+    """What is wrong with the latest local map, as `Status.checks`."""
+    health = mapper.filter.health
+    few = bool(health) and health[-1].answered < FEW_COLUMNS
+    lost = bool(health) and health[-1].n_eff < FEW_PARTICLES * mapper.settings.particles
+    return {
+        "enough is seen": "few columns answer: more light or texture" if few else "",
+        "particles agree": "few particles agree" if lost else "",
+    }
