@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,7 +13,7 @@ from click.testing import CliRunner
 from hypothesis import settings
 
 from pipeline.cli import cli, main
-from tests.batch_runs import batch_command, cut
+from tests.batch_runs import cut
 
 OFFICE = Path(__file__).parent.parent / "data" / "office"
 PAIRS = 40
@@ -75,15 +74,6 @@ def recordings(office_piece, tmp_path_factory) -> Path:
     (folder / "broken" / "mav0" / "cam0").mkdir(parents=True)
     (folder / "notes.txt").write_text("not to be mapped\n")
     return folder
-
-
-@pytest.fixture(scope="session")
-def batch(recordings, tmp_path_factory) -> tuple[Path, Outcome]:
-    """The folder of the recordings mapped by two processes, and what the command said."""
-    folder = tmp_path_factory.mktemp("batch") / "out"
-    command = batch_command(recordings, "-o", folder, "--jobs", 2)
-    done = subprocess.run(command, capture_output=True, text=True)
-    return folder, Outcome(done.returncode, done.stdout, done.stderr)
 
 
 @pytest.fixture
