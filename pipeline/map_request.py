@@ -21,9 +21,11 @@ from pipeline.recordings import open_input
 from pipeline.recordings.base import Recording
 from pipeline.recordings.scan_log import ScanLog
 from pipeline.recordings.tick_table import read_tick_table
+from pipeline.run_report.origin import Origin
 from pipeline.settings import Settings, as_yaml, check, load_settings
 
 VERSIONS_OF = ("beemap", "numpy", "opencv-contrib-python-headless")
+SEED = 1  # unless given
 
 
 class Ticks(msgspec.Struct, frozen=True):
@@ -76,7 +78,7 @@ class MapRequest(msgspec.Struct, frozen=True):
     rig: str | None = None
     motion: str | None = None
     fps: float | None = None
-    seed: int = 1
+    seed: int = SEED
     ticks: Ticks | None = None
     begin: Begin | None = None
     settings: str | None = None
@@ -109,6 +111,29 @@ class MapRequest(msgspec.Struct, frozen=True):
             return log_job(opened, settings, self.seed, begin), settings
         job = recording_job(opened, rig, self.motion, settings, self.seed, threads, begin)
         return job, settings
+
+    def arguments(self) -> list[str]:
+        """What `beemap map` was given beside settings and output."""
+        words = [self.input]
+        given: dict[str, Any] = {"--rig": self.rig, "--motion": self.motion, "--fps": self.fps}
+        given["--seed"] = None if self.seed == SEED else self.seed
+        if self.ticks is not None:
+            given |= {"--ticks": self.ticks.file, "--ticks-columns": self.ticks.columns}
+            given |= {"--ticks-unit": self.ticks.unit, "--ticks-offset": self.ticks.offset or None}
+        if self.begin is not None:
+            x, y, theta = self.begin.pose or (0.0, 0.0, 0.0)
+            pose = f"{x:g},{y:g},{math.degrees(theta):g}"
+            given |= {"--continue": self.begin.map, "--pose": pose if self.begin.pose else None}
+        for option, value in given.items():
+            if value is not None:
+                words += [option, str(value)]
+        return words
+
+    def origin(self, output: Path, opened: Recording | ScanLog) -> Origin:
+        """For the report of a run into `output`; opened: the input."""
+        rig = Path(self.rig) if self.rig else None
+        pairs = opened.pairs if isinstance(opened, Recording) else ()
+        return Origin(output, Path(self.input), self.arguments(), rig, lambda: pairs)
 
     def complete(self, settings: Settings) -> MapRequest:
         """With all that a resumed run must find unchanged."""

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 
 from pipeline.fused_motion import FusedMotion, Slip
+from pipeline.health.finding import Finding, Grade
 from pipeline.seeing import AnyMotion
 from pipeline.visual_motion import BRIDGED, GUESSED, Loss, VisualMotion
 
@@ -14,8 +15,8 @@ MOST_TOLD = 3
 WORTH_TELLING = (0.02, math.radians(2.0))
 
 
-def told(motion: AnyMotion, begin: int) -> list[str]:
-    """Lines on lost tracking and slipping wheels; times count from the stamp `begin` [ns]."""
+def told(motion: AnyMotion, begin: int) -> list[Finding]:
+    """Findings on lost tracking and slipping wheels; times count from the stamp `begin` [ns]."""
     if isinstance(motion, VisualMotion):
         return _losses(motion.all_losses(), begin)
     if isinstance(motion, FusedMotion):
@@ -23,22 +24,28 @@ def told(motion: AnyMotion, begin: int) -> list[str]:
     return []
 
 
-def _losses(losses: Sequence[Loss], begin: int) -> list[str]:
+def _losses(losses: Sequence[Loss], begin: int) -> list[Finding]:
     if not losses:
         return []
     times = [f"{_seconds(loss.first, loss.last, begin)}, {loss.end}" for loss in losses]
     line = f"visual odometry lost its way {_times(len(losses))} ({_some(times)})"
     if any(loss.end == GUESSED for loss in losses):
+        guessed = sum(loss.end == GUESSED for loss in losses)
         return [
-            f"{line}: how the robot moved where it is guessed is not known: more light, a shorter "
-            "exposure, slower turns, or wheels (--motion fused) would help"
+            Finding(
+                f"{line}: how the robot moved where it is guessed is not known",
+                "more light, a shorter exposure, slower turns, or wheels (--motion fused) would "
+                "help",
+                grade=Grade.DOUBTFUL,
+                short=f"how the robot moved had to be guessed {_times(guessed)}",
+            )
         ]
     if any(loss.end == BRIDGED for loss in losses):
-        return [f"{line}: the wheels answered alone there"]
-    return [line]
+        return [Finding(f"{line}: the wheels answered alone there")]
+    return [Finding(line)]
 
 
-def _slips(slips: Sequence[Slip], begin: int) -> list[str]:
+def _slips(slips: Sequence[Slip], begin: int) -> list[Finding]:
     large = [slip for slip in slips if _worth_telling(slip)]
     if not large:
         return []
@@ -47,9 +54,8 @@ def _slips(slips: Sequence[Slip], begin: int) -> list[str]:
         f"{abs(math.degrees(slip.error[2])):.0f} deg"
         for slip in large
     ]
-    return [
-        f"wheels slipped {_times(len(large))} ({_some(times)}): the images' motion was taken there"
-    ]
+    text = f"wheels slipped {_times(len(large))} ({_some(times)})"
+    return [Finding(f"{text}: the images' motion was taken there")]
 
 
 def _worth_telling(slip: Slip) -> bool:

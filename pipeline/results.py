@@ -21,11 +21,12 @@ import numpy as np
 from mapping.clouds import VOXEL, map_points, write_ply
 from mapping.grid import OccupancyGrid
 from odometry.motion import compose
-from pipeline.health import health_lines, image_lines
+from pipeline.health.run_health import RunHealth
 from pipeline.map_files import write_map_server, write_npz
 from pipeline.picture import draw_map
 from pipeline.places import located, write_places
 from pipeline.run import KeyFrame, MapRun
+from pipeline.run_report.origin import Origin
 from pipeline.settings import Settings, as_yaml
 from pipeline.trajectory import Trajectory, distance_travelled, write_tum
 
@@ -56,11 +57,17 @@ HEALTH_COLUMNS = (
 
 
 def write_results(
-    folder: Path, run: MapRun, settings: Settings, truth: Trajectory | None, facts: dict[str, Any]
+    folder: Path,
+    run: MapRun,
+    settings: Settings,
+    truth: Trajectory | None,
+    facts: dict[str, Any],
+    origin: Origin | None = None,
 ) -> dict[str, Any]:
     """Write every result file into `folder`; the content of run.json.
 
-    facts: what the command knows of the run (input, seed, rig, motion).
+    facts: what the command knows of the run (input, seed, rig, motion); origin: where it came
+    from, without which the report names no place and shows no images.
     """
     mapper = run.mapper
     grid, path = mapper.grid(), mapper.path()
@@ -80,9 +87,25 @@ def write_results(
         _write_cloud(folder / "cloud.ply", *_world_points(run.key_frames, path), voxel=VOXEL)
     (folder / "health.csv").write_text(_health(run), encoding="ascii")
     (folder / "settings.yaml").write_text(as_yaml(settings), encoding="utf-8")
-    summary = _summary(run, grid, path, facts)
+    health = RunHealth.of(run, path, facts)
+    summary = _summary(run, grid, path, facts, health)
+    origin = origin or Origin.unknown(folder)
+    if untold := _report(folder, run, settings, grid, path, health, summary, origin):
+        summary["health"].append(untold)
     (folder / "run.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
     return summary
+
+
+def _report(folder: Path, *about: Any) -> str:
+    """Write report.html; what is missing in it, or why there is none, in words. A map that is made
+    is never lost for it."""
+    from pipeline.run_report.report import PAGE, write_report
+
+    try:
+        return write_report(folder, *about)
+    except Exception as error:
+        (folder / PAGE).unlink(missing_ok=True)
+        return f"{PAGE} could not be written: {error}"
 
 
 def _length(path: np.ndarray) -> float:
@@ -144,14 +167,14 @@ def _health(run: MapRun) -> str:
 
 
 def _summary(
-    run: MapRun, grid: OccupancyGrid, path: np.ndarray, facts: dict[str, Any]
+    run: MapRun, grid: OccupancyGrid, path: np.ndarray, facts: dict[str, Any], health: RunHealth
 ) -> dict[str, Any]:
     known = ~np.isnan(grid.probability)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    sight = "columns" if run.unit == "pairs" else "beams"
     return {
         **facts,
         "partial": run.partial,
+        "verdict": {"word": health.verdict.word, "why": health.verdict.why},
         "counts": dict(run.counts),
         "skipped": run.skipped,
         "local_maps": len(run.mapper.filter.health),
@@ -160,16 +183,8 @@ def _summary(
         "seconds": {stage: round(seconds, 3) for stage, seconds in run.seconds.items()},
         # ru_maxrss counts kilobytes on Linux, bytes on macOS.
         "peak_memory_mb": round(peak / (1e6 if sys.platform == "darwin" else 1e3), 1),
-        "health": [
-            *health_lines(
-                run.mapper,
-                sight,
-                encoders=facts.get("motion") == "encoders",
-                images=facts.get("motion") in ("visual", "fused"),
-            ),
-            *run.told,
-            *image_lines(run.skipped, run.brightness),
-        ],
+        "health": health.lines,
+        "to_do": [finding.line for finding in health.findings if finding.remedy],
         "versions": {name: version(name) for name in VERSIONS_OF},
         "python": platform.python_version(),
     }

@@ -15,27 +15,28 @@ from calibration.rig import StereoRig
 from mapping.gate import ObservationGate
 from mapping.known_map import KnownMap
 from mapping.mapper import HierarchicalMapper
+from mapping.odometry_witness import OdometryWitness
 from odometry.motion import Motion
 from pipeline.checkpoint import NOTHING, Observations
 from pipeline.errors import InputError
 from pipeline.frontend import UNREADABLE, Observation, ahead, observe
-from pipeline.health import REMEDIES
+from pipeline.health.finding import Finding
+from pipeline.health.image_findings import REMEDIES
+from pipeline.image_check import check_images
 from pipeline.motion_told import told
 from pipeline.places import Place
-from pipeline.recordings.base import DamagedFrameError, Pair, Recording, image_size
+from pipeline.recordings.base import Pair, Recording
 from pipeline.seeing import AnyMotion, LoadedPair, moved
 from pipeline.settings import Settings
 from pipeline.watcher import NOBODY, Moment, Watcher
-from stereo.errors import StereoError
-from stereo.pair_check import check_pair
+from pipeline.worst_pairs import WorstPairs
 from stereo.ranger import StereoRanger
+from stereo.scan import RangeScan
 
 # A key frame of the point cloud is taken after this travel [m] or turn [rad].
 KEY_FRAME_SPACING = (0.5, math.radians(30.0))
 # Ranges are used while their standard deviation stays below so many cells of the map.
 USABLE_CELLS = 2.0
-# Pairs looked at for exchanged images before a run.
-SWAP_SAMPLES = 3
 
 T = TypeVar("T")
 
@@ -58,7 +59,8 @@ class MapRun:
 
     unit: what the input consists of; key_frames: None where there are no images; brightness: of
     each observation, the left image over the right one; told: what the motion's source has to say;
-    places: marked by somebody who watched.
+    ends: the numbers of the poses at which local maps closed; worst: the pairs to look at;
+    witness: of odometry's errors; places: marked by somebody who watched.
     """
 
     mapper: HierarchicalMapper
@@ -68,14 +70,36 @@ class MapRun:
     skipped: dict[str, list[str]] = field(default_factory=dict)
     brightness: list[float] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=lambda: defaultdict(float))
-    told: list[str] = field(default_factory=list)
+    told: list[Finding] = field(default_factory=list)
+    ends: list[int] = field(default_factory=list)
+    worst: WorstPairs = field(default_factory=WorstPairs)
+    witness: OdometryWitness = field(init=False)
     places: list[Place] = field(default_factory=list)
     partial: bool = False
+
+    def __post_init__(self) -> None:
+        self.witness = OdometryWitness(self.mapper.settings)
 
     @property
     def used(self) -> int:
         """Pairs or scans that got a pose."""
         return self.counts[f"{self.unit} used"]
+
+    def move(self, motion: Motion) -> None:
+        """The robot moved to where the next pair or scan was taken."""
+        self.counts[f"{self.unit} used"] += 1
+        self.mapper.move(motion)
+        self.witness.move(motion)
+
+    def observe(self, scan: RangeScan, name: str) -> None:
+        """What was seen where the robot moved to."""
+        self.counts["observations"] += 1
+        index, steps = len(self.mapper.stamps) - 1, self.mapper.filter.health
+        before = len(steps)
+        self.mapper.observe(scan)
+        self.witness.observe(scan)
+        self.worst.observed(index, name, scan, steps[before:])
+        self.ends += [index] * (len(steps) - before)
 
     def each(
         self, items: Iterable[T], total: int, progress: Progress, interrupted: Interrupted
@@ -198,24 +222,22 @@ class Stepper:
 def take(step: Step, seen: Observation | None, run: MapRun) -> None:
     """Let the run have a pair, and what was seen in it where it was due."""
     if step.motion is None and isinstance(step.pair, LoadedPair) and step.pair.damage:
-        _skip(run, UNREADABLE, step.pair.damage)
+        _skip(run, step.pair, UNREADABLE, step.pair.damage)
         return
     if step.motion is None:
         run.counts["pairs without motion"] += 1
         run.skipped.setdefault("pair without motion", []).append(str(step.pair.stamp))
         return
-    run.mapper.move(step.motion)
-    run.counts["pairs used"] += 1
+    run.move(step.motion)
     if seen is None:
         return
     run.seconds["reading"] += seen.seconds_reading
     run.seconds["stereo"] += seen.seconds_stereo
     if seen.scan is None:
-        _skip(run, seen.kind, seen.damage)
+        _skip(run, step.pair, seen.kind, seen.damage)
         return
     run.brightness.append(seen.brightness)
-    run.counts["observations"] += 1
-    run.mapper.observe(seen.scan)
+    run.observe(seen.scan, step.pair.name)
     if run.key_frames is not None and seen.points is not None and seen.colours is not None:
         run.key_frames.append(KeyFrame(len(run.mapper.stamps) - 1, seen.points, seen.colours))
 
@@ -228,9 +250,10 @@ def show(step: Step, seen: Observation | None, run: MapRun, watcher: Watcher) ->
         watcher.mapped(Moment(step.pair.stamp, step.pair, seen, mapper.pose, maps))
 
 
-def _skip(run: MapRun, kind: str, damage: str) -> None:
+def _skip(run: MapRun, pair: Pair, kind: str, damage: str) -> None:
     run.counts[f"{UNREADABLE}s" if kind == UNREADABLE else "useless pairs"] += 1
     run.skipped.setdefault(kind, []).append(damage)
+    run.worst.skipped(len(run.mapper.stamps) - 1, pair.stamp, pair.name, kind, damage)
 
 
 def make_ranger(rig: StereoRig, settings: Settings) -> StereoRanger:
@@ -251,30 +274,3 @@ def _why(run: MapRun) -> str:
         if kind in REMEDIES:
             return f"{kind} in {len(names)}, e.g. {names[0]}: {REMEDIES[kind]}"
     return "the motion source knows nothing about the time of the images (compare the stamps)"
-
-
-def check_images(recording: Recording, rig: StereoRig, ranger: StereoRanger) -> None:
-    """Refuse images that the rig does not fit, or that are exchanged, before any work."""
-    size = image_size(recording.pairs)
-    if size is None:
-        raise InputError(f"{recording.path}: none of {len(recording.pairs)} images can be read")
-    if size != rig.image_size:
-        raise InputError(
-            f"{recording.path}: image is {size[0]}x{size[1]}, the rig is calibrated for "
-            f"{rig.image_size[0]}x{rig.image_size[1]}: give the rig of these cameras with --rig"
-        )
-    indices = np.linspace(0, len(recording.pairs) - 1, SWAP_SAMPLES).astype(int)
-    looks = []
-    for index in sorted(set(indices.tolist())):
-        try:
-            pair = recording.pairs[index].load()
-            # Pairs that are no stereo at all tell nothing; they are counted in their turn, too.
-            if not check_pair(pair.left, pair.right).defect:
-                looks.append(ranger.looks_swapped(pair))
-        except (DamagedFrameError, StereoError):
-            continue  # damaged pairs are counted when their turn comes
-    if looks and sum(looks) * 2 > len(looks):
-        raise InputError(
-            f"{recording.path}: left and right images are exchanged (the disparities are "
-            "negative): swap the two folders, or the cameras in the rig"
-        )

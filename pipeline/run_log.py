@@ -37,11 +37,9 @@ def map_log(
     watcher.begins(run, None)
     looks = look_at_log(log, mapper.gate, settings)
     for motion, scan in run.each(looks, len(log), progress, interrupted):
-        mapper.move(motion)
-        run.counts["scans used"] += 1
+        run.move(motion)
         if scan is not None:
-            run.counts["observations"] += 1
-            mapper.observe(scan)
+            run.observe(scan, f"scan {run.used - 1}")
         seen = None if scan is None else Observation(scan)
         maps = len(mapper.filter.health)
         watcher.mapped(Moment(motion.last, None, seen, mapper.pose, maps))

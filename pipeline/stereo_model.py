@@ -15,9 +15,10 @@ import numpy as np
 from calibration.rig import StereoRig
 from pipeline.errors import InputError
 from pipeline.frontend import Observation, ahead, observe
+from pipeline.image_check import check_images
 from pipeline.intervals import Estimate, of_values, ratio, share
 from pipeline.recordings.base import RecordedPair, Recording
-from pipeline.run import USABLE_CELLS, check_images
+from pipeline.run import USABLE_CELLS
 from pipeline.settings import Settings
 from pipeline.stereo_cells import (
     FALSE_HIT,

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from pipeline.health import image_lines
+from pipeline.health.image_findings import image_findings
 from stereo.pair_check import (
     BLACK,
     LEFT_COVERED,
@@ -73,10 +73,10 @@ def test_a_blank_wall_before_both_cameras_is_no_defect():
 
 
 def test_unlike_exposure_is_told():
-    assert image_lines({}, [1.0, 1.1, 0.9]) == []
-    (line,) = image_lines({}, [0.5, 0.4, 0.45])
-    assert "right images are 2.2 times as bright" in line
-    assert "same exposure" in line
+    assert image_findings({}, [1.0, 1.1, 0.9]) == []
+    (found,) = image_findings({}, [0.5, 0.4, 0.45])
+    assert "right images are 2.2 times as bright" in found.text
+    assert "same exposure" in found.remedy
 
 
 def images(recording) -> list[tuple]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import shutil
-from html.parser import HTMLParser
 from pathlib import Path
 
 import cv2
@@ -15,47 +14,7 @@ from click.testing import CliRunner
 from pipeline.calibration_report.files import FIGURES, PAGE
 from pipeline.cli import cli
 from tests.calibration_views import SMALL_RIG, board_poses, render
-
-VOID = {"meta", "img", "br", "input", "link"}
-
-
-class Page(HTMLParser):
-    """The elements of a page: checks that they nest, gathers ids, sources and text."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.open: list[str] = []
-        self.ids: list[str] = []
-        self.sources: list[str] = []
-        self.words: list[str] = []
-        self.count: dict[str, int] = {}
-        self.feed(text)
-        assert self.open == []
-
-    def handle_starttag(self, tag, attrs):
-        self.count[tag] = self.count.get(tag, 0) + 1
-        for name, value in attrs:
-            if name == "id":
-                self.ids.append(str(value))
-            if name in ("src", "href", "xlink:href", "srcset"):
-                self.sources.append(str(value))
-        if tag not in VOID:
-            self.open.append(tag)
-
-    def handle_startendtag(self, tag, attrs):
-        self.handle_starttag(tag, attrs)
-        if tag not in VOID:
-            self.open.pop()
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
-
-    def handle_data(self, data):
-        self.words.append(data)
-
-    @property
-    def text(self) -> str:
-        return " ".join(" ".join(self.words).split())
+from tests.html_page import Page
 
 
 @pytest.fixture(scope="module")
@@ -102,11 +61,7 @@ def test_the_report_tells_all_in_one_file(report):
     assert printed.splitlines()[-1] == f"report: {folder / PAGE}"
     text = (folder / PAGE).read_text(encoding="utf-8")
     page = Page(text)
-    # Nothing is fetched: the only sources are pictures in the page and names in it.
-    assert all(source.startswith(("data:image/", "#")) for source in page.sources)
-    assert "<script" not in text
-    assert {source[1:] for source in page.sources if source[0] == "#"} <= set(page.ids)
-    assert len(page.ids) == len(set(page.ids))
+    page.assert_self_contained()
     assert page.count["svg"] == len(FIGURES) - 1
     assert page.count["img"] == 1
     # The same words as on the screen, those of the verdict and the action first.

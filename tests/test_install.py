@@ -86,7 +86,8 @@ def test_simulates_and_maps_outside_the_repository(installed, tmp_path):
     few = ("--set", "mapping.particles=2")
     run(installed, tmp_path, "map", "rec", "-o", "run", "--quiet", *few, NUMBA_DISABLE_JIT="1")
     results = {path.name for path in (tmp_path / "run").iterdir()}
-    assert {"map.png", "map.yaml", "trajectory.tum", "cloud.ply", "run.json"} <= results
+    wanted = {"map.png", "map.yaml", "trajectory.tum", "cloud.ply", "run.json", "report.html"}
+    assert wanted <= results
 
 
 def test_missing_system_library_names_the_packages_to_install(installed, tmp_path):

@@ -118,6 +118,9 @@ def test_a_live_map_is_that_of_its_recording_whoever_looks_on(office_piece, tmp_
     assert all(a.stamp < b.stamp for a, b in pairwise(poses))
     assert maps
     assert maps[-1].file == tmp_path / "run" / "map.yaml"
+    page = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
+    assert "image to pose" in page
+    assert page.count("data:image/jpeg") >= 2  # from the recording that was made meanwhile
     offline = beemap(
         "map", tmp_path / "run" / "recording", "-o", tmp_path / "again", "--quiet",
         "--settings", tmp_path / "run" / "settings.yaml",

@@ -98,8 +98,8 @@ def test_a_dark_moment_is_bridged(visual, recording, pairs):
     assert spanning is not None
     assert (spanning.first, spanning.last) == (pairs[3].stamp, pairs[5].stamp)
     assert spanning.increment == pytest.approx(true_motion(recording, spanning), abs=0.02)
-    (line,) = told(visual, pairs[0].stamp)
-    assert "lost its way once (1.5 to 2.5 s, found again)" in line
+    (found,) = told(visual, pairs[0].stamp)
+    assert "lost its way once (1.5 to 2.5 s, found again)" in found.line
 
 
 def test_where_nothing_is_seen_for_long_the_motion_is_a_doubtful_guess(visual, recording, pairs):
@@ -116,9 +116,9 @@ def test_where_nothing_is_seen_for_long_the_motion_is_a_doubtful_guess(visual, r
     assert after is not None
     assert after.increment == pytest.approx(true_motion(recording, after), abs=0.01)
     assert visual.report()["visual_guesses"] == 1
-    (line,) = told(visual, pairs[0].stamp)
-    assert "guessed" in line
-    assert "more light" in line
+    (found,) = told(visual, pairs[0].stamp)
+    assert "guessed" in found.line
+    assert "more light" in found.line
 
 
 def test_someone_who_walks_by_is_not_taken_for_motion(visual, pairs):
@@ -173,8 +173,8 @@ def test_a_slipping_wheel_is_found_out_and_told(recording, pairs):
         assert motion is not None
         assert motion.increment == pytest.approx(true_motion(recording, motion), abs=0.01)
     assert [(slip.first, slip.last) for slip in both.slips] == [(pairs[5].stamp, pairs[7].stamp)]
-    (line,) = told(both, pairs[0].stamp)
-    assert line.startswith("wheels slipped once (2.5 to 3.5 s, 0.4")
+    (found,) = told(both, pairs[0].stamp)
+    assert found.text.startswith("wheels slipped once (2.5 to 3.5 s, 0.4")
     assert both.report()["slips"] == 1
 
 
@@ -187,7 +187,7 @@ def test_wheels_answer_alone_where_nothing_is_seen(recording, pairs):
     report = both.report()
     assert report["steps_wheels_alone"] >= 4
     assert report["steps_fused"] >= 6
-    assert "the wheels answered alone" in told(both, pairs[0].stamp)[0]
+    assert "the wheels answered alone" in told(both, pairs[0].stamp)[0].text
 
 
 def test_images_answer_alone_where_the_wheels_are_silent(recording, pairs):

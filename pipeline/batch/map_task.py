@@ -77,7 +77,8 @@ def map_into(task: MapTask) -> bool:
             facts = {**task.request.facts(job, settings, here.threads), "key": key}
             with new_folder(task.output, force=True) as folder:
                 run.seconds["total"] = time.perf_counter() - begin
-                write_results(folder, run, settings, job.truth, facts)
+                origin = task.request.origin(task.output, job.opened)
+                write_results(folder, run, settings, job.truth, facts, origin)
             known.discard()
     if run.partial:
         raise StoppedError("stopped: another call works in this folder now")

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import base64
 import csv
 import io
 from collections.abc import Sequence
-from importlib import resources
 from pathlib import Path
 from urllib.parse import quote
 
 import cv2
-import jinja2
 
 from pipeline.batch.rows import Row
 from pipeline.experiments.report import command_line, machine, markdown_table
 from pipeline.new_files import new_files
+from pipeline.pages.render import png_uri, render
 from pipeline.picture import FOOTER
 
 FILES = ("index.html", "table.md", "table.csv")
@@ -26,13 +24,13 @@ HEADER = (
     "path [m]",
     "area [m2]",
     "local maps",
-    "health",
+    "map",
     "ATE [m]",
     "seconds",
 )
 LEGEND = (
-    "Pairs: with a pose (of scan logs: scans). Area: of the cells that are known. Health: good, or "
-    "check where a run has something to say (below). ATE: RMSE to the recording's truth after "
+    "Pairs: with a pose (of scan logs: scans). Area: of the cells that are known. Map: the verdict "
+    "of its report, from what the run measured of itself. ATE: RMSE to the recording's truth after "
     "SE(2) alignment, where it holds one. Seconds: as they were when it was mapped, with the "
     "others beside it."
 )
@@ -110,11 +108,9 @@ def _escaped(text: str) -> str:
 
 
 def _page(output: Path, rows: Sequence[Row]) -> str:
-    template = resources.files("pipeline.batch").joinpath("index.html.j2")
-    environment = jinja2.Environment(
-        autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
-    )
-    return environment.from_string(template.read_text(encoding="utf-8")).render(
+    return render(
+        "pipeline.batch",
+        "index.html.j2",
         summary=summary(rows),
         command=command_line(),
         machine=machine(),
@@ -156,5 +152,4 @@ def _thumbnail(file: Path) -> str:
     height, width = picture.shape[:2]
     scale = min(1.0, THUMBNAIL[0] / width, THUMBNAIL[1] / height)
     small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    _, data = cv2.imencode(".png", small)
-    return "data:image/png;base64," + base64.b64encode(data.tobytes()).decode("ascii")
+    return png_uri(small)

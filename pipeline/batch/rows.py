@@ -11,14 +11,13 @@ import msgspec
 from pipeline.batch.inputs import Input
 from pipeline.errors import InputError
 from pipeline.evaluate_path import evaluate_path_files
-from pipeline.health import complaints
 
 
 class Row(msgspec.Struct, frozen=True):
     """A recording and what became of it.
 
-    name: of its result folder; why: it failed; verdict: good, or check where `remarks` (one line
-    each) ask for something; path_m: length of the path; known_m2: area of the map's known cells;
+    name: of its result folder; why: it failed; verdict: of its map; remarks: what asks for
+    something, one line each; path_m: length of the path; known_m2: area of the map's known cells;
     ate_m: RMSE against the truth after SE(2) alignment, where there is one; seconds: it took.
     """
 
@@ -30,7 +29,7 @@ class Row(msgspec.Struct, frozen=True):
     path_m: float | None = None
     known_m2: float | None = None
     local_maps: int | None = None
-    verdict: Literal["", "good", "check"] = ""
+    verdict: Literal["", "good", "doubtful", "broken"] = ""
     ate_m: float | None = None
     seconds: float | None = None
     remarks: tuple[str, ...] = ()
@@ -39,7 +38,7 @@ class Row(msgspec.Struct, frozen=True):
 def mapped_row(given: Input, folder: Path) -> Row:
     """Of a recording whose results stand in a folder."""
     run = json.loads((folder / "run.json").read_text(encoding="utf-8"))
-    remarks = (*complaints(run["health"]), *run["notes"])
+    remarks = (*run["to_do"], *run["notes"])
     counts = run["counts"]
     return Row(
         str(given.path),
@@ -49,7 +48,7 @@ def mapped_row(given: Input, folder: Path) -> Row:
         path_m=run["path_m"],
         known_m2=run["known_m2"],
         local_maps=run["local_maps"],
-        verdict="check" if complaints(run["health"]) else "good",
+        verdict=run["verdict"]["word"],
         ate_m=_ate(folder),
         seconds=run["seconds"]["total"],
         remarks=remarks,

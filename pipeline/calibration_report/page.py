@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import base64
 import io
 import re
 from collections.abc import Sequence
-from importlib import resources
 from pathlib import Path
 
 import cv2
-import jinja2
 import matplotlib
 
 from calibration.calibrate import CalibrationResult
@@ -20,9 +17,9 @@ from pipeline.calibration_report.files import PAGE, report_files
 from pipeline.calibration_report.rectified import pairs_to_show, rectified_picture
 from pipeline.calibration_report.tables import PAIR_COLUMNS, facts, pair_rows
 from pipeline.new_files import new_files
+from pipeline.pages.render import jpeg_uri, render
 
 PNG_DPI = 150
-JPEG_QUALITY = 80
 
 # name -> how it is drawn, its title, and what to see in it.
 DRAWN = {
@@ -75,7 +72,7 @@ def write_report(
         drawn = [_figure(name, result, partial) for name in DRAWN]
         picture = rectified_picture(result)
         _encode_to(picture, partial / "rectified.png")
-        page = _page(result, unmatched, rig_file, drawn, _jpeg(picture))
+        page = _page(result, unmatched, rig_file, drawn, jpeg_uri(picture))
         (partial / PAGE).write_text(page, encoding="utf-8")
     return folder / PAGE
 
@@ -87,13 +84,11 @@ def _page(
     drawn: list[dict[str, str]],
     rectified: str,
 ) -> str:
-    template = resources.files("pipeline.calibration_report").joinpath("report.html.j2")
-    environment = jinja2.Environment(
-        autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
-    )
     verdict = result.judgement.verdict
     shown = ", ".join(view.name for view in pairs_to_show(result))
-    return environment.from_string(template.read_text(encoding="utf-8")).render(
+    return render(
+        "pipeline.calibration_report",
+        "report.html.j2",
         verdict=verdict,
         meaning=MEANING[verdict],
         heldout=f"{result.heldout.row_rms:.3f}",
@@ -154,12 +149,6 @@ def _values(result: CalibrationResult) -> dict[str, float]:
     }
     values.update({f"translation.{axis}": float(v) for axis, v in zip("xyz", rig.T, strict=True)})
     return values
-
-
-def _jpeg(picture) -> str:
-    """A picture as text for the page."""
-    _, data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
-    return "data:image/jpeg;base64," + base64.b64encode(data.tobytes()).decode("ascii")
 
 
 def _encode_to(picture, file: Path) -> None:

@@ -154,4 +154,5 @@ def _tell(output: Path, place: Path, summary: dict[str, Any]) -> None:
     summarise(summary)
     for line in summary["health"]:
         click.echo(f"health: {line}", err=True)
+    click.echo(f"verdict: {summary['verdict']['word']}: {summary['verdict']['why']}", err=True)
     click.echo(f"results: {output}{os.sep}; recording: {place}", err=True)

@@ -168,7 +168,9 @@ def _map(
         from pipeline.results import write_results
 
         start = time.perf_counter()
-        summary = write_results(folder, run, settings, job.truth, facts)
+        summary = write_results(
+            folder, run, settings, job.truth, facts, request.origin(output, job.opened)
+        )
     if not quiet:
         _print_summary(output, job, run, summary, time.perf_counter() - start)
     if run.partial:
@@ -239,6 +241,7 @@ def _print_summary(
             click.echo(f"odometry: {key.replace('_', ' ')}: {value:g}")
     for line in summary["health"]:
         click.echo(f"health: {line}")
+    click.echo(f"verdict: {summary['verdict']['word']}: {summary['verdict']['why']}")
     click.echo(
-        f"results: {output}{os.sep} (open map.png; map.yaml for ROS, trajectory.tum for evo)"
+        f"results: {output}{os.sep} (open report.html; map.yaml for ROS, trajectory.tum for evo)"
     )

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+import msgspec
 
 from pipeline.commands.web_options import check_web, watched, web_options
 from pipeline.errors import InputError
@@ -134,6 +135,7 @@ def _replay(
     from pipeline.checkpoint import NOTHING
     from pipeline.live.live_run import save_results
     from pipeline.live.map_saver import MapSaver
+    from pipeline.map_request import MapRequest
     from pipeline.replay import Paced, count
 
     saver = None if output is None else MapSaver(output, state.saved)
@@ -145,6 +147,9 @@ def _replay(
             saver.close()
     if output is not None:
         facts |= {**job.facts(), "notes": job.notes}
-        save_results(output, run, settings, facts, job.truth)
+        asked = msgspec.convert(facts.get("request", {"input": ""}), MapRequest)
+        request = msgspec.structs.replace(asked, input=facts["input"])
+        origin = request.origin(output, job.opened)
+        save_results(output, run, settings, facts, job.truth, origin)
         click.echo(f"results: {output}{os.sep}", err=True)
     state.ended(run)

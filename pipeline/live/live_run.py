@@ -36,9 +36,11 @@ from pipeline.live.mapping_thread import LiveMapper
 from pipeline.live.status import Status
 from pipeline.live.warm_up import warm_up
 from pipeline.motion import LOOKING, looking
+from pipeline.recordings import open_recording
 from pipeline.results import write_results
 from pipeline.rig import NO_MOUNT
 from pipeline.run import MapRun
+from pipeline.run_report.origin import Origin
 from pipeline.seeing import AnyMotion
 from pipeline.settings import Settings
 from pipeline.trajectory import Trajectory
@@ -130,7 +132,9 @@ def live_run(
             saver.close()
     facts = {**options.facts, "odometry": motion.report(), **_counts(session, mapper, saver)}
     run.seconds["total"] = time.perf_counter() - begin
-    summary = save_results(output, run, settings, facts)
+    arguments = [str(recording), "--motion", options.motion]
+    origin = Origin(output, recording, arguments, pairs=lambda: open_recording(recording).pairs)
+    summary = save_results(output, run, settings, facts, origin=origin)
     watcher.ended(run)
     error = mapper.error or (InputError(session.recorder.error) if session.recorder.error else None)
     if error is not None:
@@ -198,6 +202,7 @@ def save_results(
     settings: Settings,
     facts: dict[str, Any],
     truth: Trajectory | None = None,
+    origin: Origin | None = None,
 ) -> dict[str, Any]:
     """All result files, each in place of an earlier one, run.json last.
 
@@ -207,7 +212,7 @@ def save_results(
     shutil.rmtree(partial, ignore_errors=True)
     try:
         partial.mkdir()
-        summary = write_results(partial, run, settings, truth, facts)
+        summary = write_results(partial, run, settings, truth, facts, origin)
         replace_files(partial, output, "run.json")
     except OSError as error:
         raise InputError(
