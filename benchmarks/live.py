@@ -125,6 +125,8 @@ def killed(words: Sequence[object], recording: Path, seconds: float) -> float:
     process = subprocess.Popen(command(*words, "--quiet"))
     listed = recording / "mav0" / "cam0" / "data.csv"
     while not listed.exists() or listed.stat().st_size < 100:
+        if process.poll() is not None:
+            raise RuntimeError(f"beemap {words[0]} ended by itself")
         time.sleep(0.01)
     time.sleep(seconds)
     moment = time.monotonic_ns()

@@ -23,14 +23,20 @@ def import_open3d():
 
     Raises Open3DMissingError with the remedy where a system library is missing.
     """
-    try:
-        import open3d
-    except (ImportError, OSError) as error:
-        raise Open3DMissingError(
-            f"Open3D cannot be loaded ({error}): on Debian or Ubuntu run "
-            f"'apt-get install {SYSTEM_LIBRARIES}'"
-        ) from None
-    return open3d
+    while True:
+        try:
+            import open3d
+        except (ImportError, OSError) as error:
+            raise Open3DMissingError(
+                f"Open3D cannot be loaded ({error}): on Debian or Ubuntu run "
+                f"'apt-get install {SYSTEM_LIBRARIES}'"
+            ) from None
+        except RuntimeError as error:
+            # It walks through sys.modules, to which another thread's import may add meanwhile.
+            if "changed size during iteration" not in str(error):
+                raise
+        else:
+            return open3d
 
 
 def map_points(grid: OccupancyGrid) -> tuple[np.ndarray, np.ndarray]:

@@ -29,12 +29,16 @@ NOT_RUN = {
     "beemap calibrate capture": "needs a board in view (tests/test_calibrate_capture.py)",
     "beemap odometry calibrate": "needs minutes of driving (tests/test_wheel_calibration.py)",
     "beemap rig convert intrinsics.yml": "OpenCV's sample files (tests/test_rig_exchange.py)",
+    "beemap experiment": "takes hours (tests/test_experiment_command.py)",
+    "beemap map intel": "not in the repository (python -m benchmarks.logs)",
+    "beemap info intel": "not in the repository (python -m benchmarks.logs)",
+    "beemap evaluate relations": "not in the repository (python -m benchmarks.logs)",
 }
 # Others than beemap's own that are run.
 HARMLESS = ("cp", "mkdir")
 # Commands that run until Ctrl-C, which comes after so many pairs.
 UNTIL_INTERRUPTED = ("live", "record")
-PAIRS = 12
+PAIRS = 6
 # doctor may fail the machine that runs the tests.
 CODES = {"doctor": (0, 3)}
 
@@ -118,6 +122,8 @@ def test_commands_run_as_printed(page, place, beemap):
                 continue
             for words in block.commands():
                 line = " ".join(words)
+                if words[0] == "beemap":
+                    understood(words[1:])
                 if block.background:
                     begin(words, stack)
                 elif not any(line.startswith(one) for one in NOT_RUN):
@@ -165,7 +171,7 @@ def test_the_readme_names_commands_and_options_that_exist():
         for words in block.commands()
         if words[0] == "beemap"
     ]
-    assert len(commands) > 20
+    assert len(commands) > 10
     for words in commands:
         understood(words[1:])
 

@@ -272,3 +272,29 @@ def test_paths_with_blanks_and_accents(beemap, office, tmp_path):
     assert beemap("map", strange, "-o", run, *QUICK).code == 0
     assert report(run)["input"] == str(strange)
     assert np.isfinite(read_tum(run / "trajectory.tum").poses).all()
+
+
+LOADED_BESIDE_ANOTHER_IMPORT = """
+import sys
+
+from mapping.clouds import import_open3d
+
+met = []
+
+def trace(frame, event, argument):
+    if frame.f_code.co_name == "_insert_pybind_names" and not met:
+        met.append(frame)
+        raise RuntimeError("dictionary changed size during iteration")
+
+sys.settrace(trace)
+open3d = import_open3d()
+sys.settrace(None)
+assert met
+print(len(open3d.geometry.PointCloud().points))
+"""
+
+
+def test_open3d_loads_while_another_thread_imports():
+    command = [sys.executable, "-c", LOADED_BESIDE_ANOTHER_IMPORT]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=OFFICE.parent.parent)
+    assert done.stdout == "0\n", done.stderr
