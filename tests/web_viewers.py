@@ -32,6 +32,9 @@ class Counter:
         self.orders.append((name, value))
         return f"hello {value}"
 
+    def report(self) -> bytes | None:
+        return None
+
 
 @contextmanager
 def viewer(url: str, path: str = "/live", **options) -> Iterator[ClientConnection]:

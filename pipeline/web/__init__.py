@@ -21,11 +21,13 @@ members of `hub.Page`:
                                                               # only while somebody looks
         def command(self, name, value):
             raise RefusedError(f"a clock cannot {name}")
+        def report(self):
+            return None
 
     with WebServer(Clock(), host=None, port=None, tell=print) as server:
         print(server.url)
         ...
 
-`news` and `command` are called in the server's thread: what other threads hand over are references,
-put into attributes. `pipeline/commands/web_options.py` has the options of the command line.
+They are called in the server's thread: what other threads hand over are references, put into
+attributes. `pipeline/commands/web_options.py` has the options of the command line.
 """
