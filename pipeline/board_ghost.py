@@ -27,6 +27,7 @@ FIRST_SIZE = 0.38
 TILT = np.radians(32.0)
 MARGIN = 0.02  # of the image's width that stays free at its edges
 LEAST_GAIN = 0.03  # of a wanted region that makes it worth going there
+LARGER = 0.1  # share of both images that is given up for a board wider by the image's width
 PLAINLY = 1.1  # times the ratio of distances that is asked for
 SETTLE = 4  # steps to bring a board to a place: its perspective changes on the way
 PLACES = {
@@ -78,7 +79,7 @@ class _Search:
         self._views = views
         self._size = np.array(size)
         self._lens = guessed_lens(size)
-        self._printed, self._ends = _printed(views.board)
+        self._printed, self._ends = printed(views.board)
         self._disparity, self._down = self._to_right()
         self._blank = [~c.covered for c in views.covered]
 
@@ -102,7 +103,7 @@ class _Search:
             if wish.words == DISTANCE and not words:
                 continue
             corners = self._in_both(pose, self._points)
-            gain = self._gain(corners, wish.place, poor)
+            gain = self._gain(corners, wish.place, poor) + (0.0 if wish.place else LARGER * size)
             if gain >= most and not self._known(corners[0]):
                 best, most = self._ghost(Wish(place, edge, words), pose), gain
         return best
@@ -198,7 +199,7 @@ def _placed(pose: Pose, points: np.ndarray) -> np.ndarray:
 
 
 @lru_cache(maxsize=4)
-def _printed(board: Board) -> tuple[np.ndarray, np.ndarray]:
+def printed(board: Board) -> tuple[np.ndarray, np.ndarray]:
     """Corners (4, 3) of what is printed, clockwise from the upper left, and the ends (n, 2, 3) of
     lines across it, about a square apart [m]."""
     left, top, right, bottom = draw_board(board).extent
