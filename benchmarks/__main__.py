@@ -23,6 +23,7 @@ from benchmarks import (
     stereo_time,
     stereo_walls,
     visual,
+    web,
     wheel_calibration,
 )
 
@@ -39,7 +40,7 @@ stereo = (
     stereo_model,
     stereo_end_to_end,
 )
-encoders = (serial_faults, wheel_calibration, live)
+encoders = (serial_faults, wheel_calibration, live, web)
 sections = (end_to_end, accuracy, *stereo, visual, logs, calibration, *encoders, simulated)
 page = "\n\n".join([TITLE, *(section.main() for section in sections)]) + "\n"
 print(page)

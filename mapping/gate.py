@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 
+from mapping.settings import MappingSettings
 from odometry.motion import compose, wrap_angle
 
 # A camera whose pairs fall just at the spacing must not lose every other one to odometry noise.
@@ -36,3 +37,8 @@ class ObservationGate:
             return False
         self._since = np.zeros(3)
         return True
+
+
+def gate_of(settings: MappingSettings) -> ObservationGate:
+    """The gate of a run with these settings."""
+    return ObservationGate(settings.spacing, math.radians(settings.spacing_angle))

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mapping.gate import ObservationGate
+from mapping.gate import gate_of
 from mapping.local_kernels import add_observations, thin
 from mapping.sensor_model import CLAMP, SensorModel
 from mapping.settings import MappingSettings
@@ -57,9 +57,7 @@ class LocalMapper:
     def __init__(self, settings: MappingSettings | None = None):
         self.settings = settings or MappingSettings()
         self.model = SensorModel.of(self.settings)
-        self.gate = ObservationGate(
-            self.settings.spacing, math.radians(self.settings.spacing_angle)
-        )
+        self.gate = gate_of(self.settings)
         self._full = 1 if self.settings.per_scan else self.settings.window
         self._motion: Motion | None = None
         self._window: list[tuple[np.ndarray, RangeScan]] = []

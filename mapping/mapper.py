@@ -47,6 +47,7 @@ class HierarchicalMapper:
         self.stamps: list[int] = []
         self.odometry: list[np.ndarray] = []  # dead reckoning after each pair
         self.online: list[np.ndarray] = []  # the pose as it was known after each pair
+        self.latest: LocalMap | None = None  # the local map that was closed last
         matched = self.settings.ego_motion == "matched"
         self._ego_motion = None
         if matched:
@@ -143,6 +144,7 @@ class HierarchicalMapper:
             here = locate(local, self._known.grid, self.settings)
             self._begin_at(self._known, compose(here, inverse(local.motion.increment)))
         self.filter.add(local)
+        self.latest = local
         self._closed.append(len(self._observed) - 1)
         if self.settings.smoothing and self._known is None:
             self._glimpses.append(Glimpse.of(local))

@@ -67,7 +67,7 @@ class PoseOdometry:
         if previous is None:
             return Motion.none(stamp)
         self._steps += 1
-        return self._spoiled(compose(inverse(previous[1]), pose), previous[0], stamp)
+        return self._step(compose(inverse(previous[1]), pose), previous[0], stamp)
 
     def report(self) -> dict[str, int | float]:
         """Poses used, poses left out, and stamps that got no answer."""
@@ -91,7 +91,8 @@ class PoseOdometry:
         step[2] = wrap_angle(step[2])
         return self._poses[after - 1] + step * ((stamp - t0) / (t1 - t0))
 
-    def _spoiled(self, increment: np.ndarray, first: int, last: int) -> Motion:
+    def _step(self, increment: np.ndarray, first: int, last: int) -> Motion:
+        """The motion of one increment: here, spoiled by noise."""
         distance = float(np.hypot(increment[0], increment[1]))
         fraction, degrees = self._settings.noise
         sigma = np.array([fraction * distance, fraction * distance, math.radians(degrees)])

@@ -12,7 +12,7 @@ from pathlib import Path
 from pipeline.errors import InputError
 
 # What a folder must hold to be replaced: --force and a slip of the pen must not cost a home.
-REPLACEABLE = ("run.json", "mav0")
+REPLACEABLE = ("run.json", "mav0", "metadata.yaml")
 # Less than this is a full disk, for writers that do not say why they failed [bytes].
 FULL = 64 * 1024
 
@@ -56,7 +56,7 @@ def check_target(target: Path, force: bool) -> None:
 
     Raises:
         InputError: it is a file; it is a folder with something in it and `force` is off, or
-            what it holds is neither a result nor a recording of ours.
+            what it holds is neither a result, a recording nor a bag.
     """
     try:
         if not target.exists():

@@ -13,6 +13,7 @@ import numpy as np
 
 from pipeline.recordings.base import DamagedFrameError, Pair
 from stereo.errors import StereoError
+from stereo.pair import StereoPair
 from stereo.pair_check import RIGHT_COVERED, check_pair
 from stereo.ranger import StereoFrame, StereoRanger
 from stereo.scan import RangeScan
@@ -29,7 +30,7 @@ class Observation:
 
     kind: of what is wrong, damage: with whose names; brightness: mean of the left image over that
     of the right one; points (n, 3) m on the robot and colours (n, 3) uint8 RGB: of key frames;
-    frame: what the scan was made from, for those who want to see it.
+    pair, frame: raw images and what stereo made of them, where somebody watches.
     """
 
     scan: RangeScan | None
@@ -38,13 +39,17 @@ class Observation:
     brightness: float = 1.0
     points: np.ndarray | None = None
     colours: np.ndarray | None = None
+    pair: StereoPair | None = None
+    frame: StereoFrame | None = None
     seconds_reading: float = 0.0
     seconds_stereo: float = 0.0
-    frame: StereoFrame | None = None
 
 
-def observe(files: Pair, ranger: StereoRanger, key_frame: bool) -> Observation:
-    """Read and range one pair; one that is no use becomes a reason, never an exception."""
+def observe(files: Pair, ranger: StereoRanger, key_frame: bool, keep: bool = False) -> Observation:
+    """Read and range one pair; one that is no use becomes a reason, never an exception.
+
+    keep: the images and what stereo made of them come along.
+    """
     start = time.perf_counter()
     try:
         pair = files.load()
@@ -63,9 +68,10 @@ def observe(files: Pair, ranger: StereoRanger, key_frame: bool) -> Observation:
         brightness=check.brightness,
         points=points,
         colours=colours,
+        pair=pair if keep else None,
+        frame=frame if keep else None,
         seconds_reading=read - start,
         seconds_stereo=time.perf_counter() - read,
-        frame=frame,
     )
 
 

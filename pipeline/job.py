@@ -2,27 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
+from calibration.rig import StereoRig
+from mapping.gate import gate_of
 from mapping.known_map import KnownMap
+from odometry.motion import Motion
 from odometry.walk import LEAP, leaps
 from pipeline.checkpoint import Observations
 from pipeline.motion import motion_of, usual_motion
 from pipeline.recordings.base import Recording
 from pipeline.recordings.scan_log import ODDITIES, USUAL, ScanLog
 from pipeline.rig import choose_rig
-from pipeline.run import Interrupted, MapRun, Progress, map_recording
-from pipeline.run_log import map_log
+from pipeline.run import (
+    Interrupted,
+    MapRun,
+    Progress,
+    look,
+    make_ranger,
+    map_recording,
+)
+from pipeline.run_log import look_at_log, map_log
 from pipeline.settings import Settings
 from pipeline.trajectory import Trajectory, read_tum
 from pipeline.watcher import NOBODY, Watcher
+from stereo.scan import RangeScan
 
 
-class Mapping(Protocol):
-    """Does the work; see `map_recording`."""
+class Run(Protocol):
+    """Makes the run; see `map_recording`."""
 
     def __call__(
         self,
@@ -33,18 +44,29 @@ class Mapping(Protocol):
     ) -> MapRun: ...
 
 
+class Look(NamedTuple):
+    """A pair or scan: how the robot came there (None: not known), and the scan where it is due."""
+
+    stamp: int
+    motion: Motion | None
+    scan: RangeScan | None
+
+
 @dataclass(frozen=True)
 class Job:
     """A run to be made.
 
-    unit: what the input consists of; total: how many of them; notes: what the user must hear
-    before; skipped: what was passed over when the input was opened; facts(): what run.json says of
-    it, asked afterwards.
+    unit: what the input consists of; opened: that input; rig: with which it is read, None for
+    logs; notes: what the user must hear before; skipped: what was passed over when the input was
+    opened; facts(): what run.json says of it, asked afterwards; looks(): all that the mapper
+    would be given, without mapping; run and looks use the motion up: one of them, once.
     """
 
     unit: str
-    total: int
-    run: Mapping
+    opened: Recording | ScanLog
+    rig: StereoRig | None
+    run: Run
+    looks: Callable[[], Iterator[Look]]
     facts: Callable[[], dict[str, Any]]
     notes: list[str]
     skipped: dict[str, list[str]]
@@ -77,8 +99,13 @@ def recording_job(
         known: Observations,
         watcher: Watcher = NOBODY,
     ) -> MapRun:
-        how = (settings, seed, threads, progress, interrupted, known, begin, watcher)
-        return map_recording(recording, rig, source, *how)
+        done = (progress, interrupted, known, begin, watcher)
+        return map_recording(recording, rig, source, settings, seed, threads, *done)
+
+    def looks() -> Iterator[Look]:
+        ranger = make_ranger(rig, settings)
+        for step, seen in look(recording, ranger, gate_of(settings.mapping), source, threads):
+            yield Look(step.pair.stamp, step.motion, None if seen is None else seen.scan)
 
     def facts() -> dict[str, Any]:
         return {
@@ -88,7 +115,9 @@ def recording_job(
             "odometry": source.report(),
         }
 
-    return Job("pairs", len(recording.pairs), run, facts, notes, recording.skipped, recording.poses)
+    return Job(
+        "pairs", recording, rig, run, looks, facts, notes, recording.skipped, recording.poses
+    )
 
 
 def log_job(log: ScanLog, settings: Settings, seed: int, begin: KnownMap | None = None) -> Job:
@@ -126,11 +155,15 @@ def log_job(log: ScanLog, settings: Settings, seed: int, begin: KnownMap | None 
         known: Observations,
         watcher: Watcher = NOBODY,
     ) -> MapRun:
-        del known  # scans are read quickly
+        del known  # a log is read faster than a checkpoint
         return map_log(log, settings, seed, progress, interrupted, begin, watcher)
 
+    def looks() -> Iterator[Look]:
+        for motion, scan in look_at_log(log, gate_of(settings.mapping), settings):
+            yield Look(motion.last, motion, scan)
+
     truth = read_tum(log.truth_file) if log.truth_file else None
-    return Job("scans", len(log), run, facts, notes, log.skipped, truth)
+    return Job("scans", log, None, run, looks, facts, notes, log.skipped, truth)
 
 
 def _told(stages: dict[str, dict[str, Any]]) -> str:

@@ -6,6 +6,7 @@ import hashlib
 import math
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -120,14 +121,27 @@ class MapRequest(msgspec.Struct, frozen=True):
             versions={name: version(name) for name in VERSIONS_OF},
         )
 
+    def told(self) -> dict[str, Any]:
+        """A complete request as run.json keeps it: with settings.yaml the run can be made again."""
+        fields = msgspec.to_builtins(self)
+        del fields["settings"]
+        return fields
+
     def check_unchanged(self, where: Path) -> None:
         """Raise InputError where going on would mix what does not belong together."""
+        self.check_files(where)
+        if self.other_versions():
+            raise InputError(f"{where}: made by other versions of beemap or OpenCV: map afresh")
+
+    def check_files(self, where: Path) -> None:
+        """Raise InputError where a file beside the input was changed."""
         for file, digest in self.digests.items():
             if _digest(file) != digest:
                 raise InputError(f"{where}: {file} was changed since: map afresh")
-        now = {name: version(name) for name in self.versions}
-        if now != self.versions:
-            raise InputError(f"{where}: made by other versions of beemap or OpenCV: map afresh")
+
+    def other_versions(self) -> bool:
+        """Whether what computes the observations is not what it was."""
+        return self.versions != {name: version(name) for name in self.versions}
 
     @property
     def _files(self) -> list[str]:

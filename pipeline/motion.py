@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from calibration.rig import StereoRig
+from odometry.dead_reckoning import DeadReckoning
 from odometry.encoders import EncoderParameters, encoder_parameters
 from odometry.poses import PoseOdometry
 from odometry.settings import OdometrySettings
@@ -21,13 +22,15 @@ if TYPE_CHECKING:
     from pipeline.visual_motion import VisualMotion
 
 LOOKING = ("visual", "fused")
-KNOWN = "encoders, poses, poses:FILE.tum, visual, fused"
+KNOWN = "encoders, odometry, poses, poses:FILE.tum, visual, fused"
 
 
 def usual_motion(recording: Recording) -> tuple[str, list[str]]:
     """What a recording is mapped with unless the user chooses; and notes that he must hear."""
     if recording.ticks is not None:
         return "encoders", []
+    if recording.odometry is not None:
+        return "odometry", []
     also = "" if recording.poses is None else " (--motion poses takes the recording's own poses)"
     return "visual", [f"no wheel ticks in the recording: its motion is found from the images{also}"]
 
@@ -44,12 +47,14 @@ def motion_of(
         return choose_motion(choice, recording, rig, settings.odometry, seed)
     if choice == "visual":
         return looking(rig, None, settings, seed)
-    if recording.ticks is None:
+    if recording.ticks is None and recording.odometry is None:
         raise InputError(
             f"{recording.path}: holds no wheel ticks (odom0/data.csv) to fuse with: give "
             "--motion visual"
         )
-    return looking(rig, _encoders(recording, rig, settings.odometry), settings, seed)
+    kind = "odometry" if recording.ticks is None else "encoders"
+    wheels = choose_motion(kind, recording, rig, settings.odometry, seed)
+    return looking(rig, wheels, settings, seed)
 
 
 def looking(
@@ -75,6 +80,12 @@ def choose_motion(
     kind, colon, file = choice.partition(":")
     if kind == "encoders" and not colon:
         return _encoders(recording, rig, settings)
+    if choice == "odometry":
+        if recording.odometry is None:
+            raise InputError(
+                f"{recording.path}: holds no odometry (odometry0/data.csv): leave --motion out"
+            )
+        return DeadReckoning(recording.odometry.stamps, recording.odometry.poses, settings)
     if kind == "poses" and file:
         poses = read_tum(Path(file))
         return PoseOdometry(poses.stamps, poses.poses, settings, seed)

@@ -32,7 +32,7 @@ def draw_pair(left: np.ndarray, right: np.ndarray, rectify: Rectifier) -> np.nda
     disparity[_beyond(left.shape, rectify)] = -SUBPIXEL
     views = [cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) for image in grey]
     lined = [_with_lines(view) for view in views]
-    colours, caption = _coloured(disparity, rectify.camera.depth_factor)
+    colours, caption = coloured(disparity, rectify.camera.depth_factor)
     picture = np.hstack([*lined, colours])
     scale = min(1.0, WIDEST / picture.shape[1])
     picture = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
@@ -54,7 +54,7 @@ def _with_lines(image: np.ndarray) -> np.ndarray:
     return image
 
 
-def _coloured(disparity: np.ndarray, depth_factor: float) -> tuple[np.ndarray, str]:
+def coloured(disparity: np.ndarray, depth_factor: float) -> tuple[np.ndarray, str]:
     """The disparity as colours (H, W, 3) over the range that it fills, and a caption."""
     known = disparity > 0
     if not known.any():

@@ -2,48 +2,19 @@
 
 from __future__ import annotations
 
-import json
 import threading
 import time
-from pathlib import Path
-from typing import Any
 
-from pipeline.errors import InputError
+from pipeline.job import Job
 from pipeline.live.map_saver import MapSaver, Snapshot
 from pipeline.live.status import mapping_checks, mapping_figures
-from pipeline.map_request import MapRequest
+from pipeline.recordings.base import Recording
 from pipeline.run import MapRun
 from pipeline.watcher import Moment, Watcher
 from pipeline.web.run_state import RunState
 from stereo.ranger import StereoRanger
 
 STATUS_EVERY = 1.0  # s
-
-
-def made_by(run: Path) -> tuple[MapRequest, Path] | None:
-    """What made a result folder, and its settings; None: it is none.
-
-    Raises:
-        InputError: what it was made from is gone, or run.json cannot be read.
-    """
-    file = run / "run.json"
-    if not file.is_file():
-        return None
-    try:
-        facts: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
-        # A live run names its recording; a run of `map` lists there what was wrong with it.
-        kept = facts.get("recording")
-        source = Path(kept if isinstance(kept, str) else facts["input"])
-        rig, motion = facts.get("rig"), facts.get("motion")
-        seed = int(facts["seed"])
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
-        raise InputError(f"{file}: does not tell what was mapped: give the recording") from None
-    # A live run keeps its recording inside, wherever the folder was moved to.
-    place = next((p for p in (source, run / source.name) if p.exists()), None)
-    if place is None:
-        raise InputError(f"{run}: was made from {source}, which is gone: give the recording")
-    known_rig = rig if isinstance(rig, str) and Path(rig).is_file() else None
-    return MapRequest(str(place), known_rig, motion, seed=seed), run / "settings.yaml"
 
 
 class Paced(Watcher):
@@ -117,3 +88,9 @@ class Paced(Watcher):
             "recorded time": f"{played:.0f} s, {self._speed:g} x",
         }
         state.status(figures | mapping_figures(run.mapper), mapping_checks(run.mapper))
+
+
+def count(job: Job) -> int:
+    """Pairs or scans of a job."""
+    opened = job.opened
+    return len(opened.pairs) if isinstance(opened, Recording) else len(opened)

@@ -121,7 +121,7 @@ def map_recording(
     """Map a recording; `progress` and `interrupted` as in `MapRun.each`.
 
     known: what was seen in a run before, which need not be looked at again. begin: a map to go on
-    in. watcher: who looks on.
+    in. watcher: is shown how the run goes, images included.
 
     Raises:
         InputError: images and rig do not fit, or no pair can be used.
@@ -134,16 +134,9 @@ def map_recording(
     run = MapRun(mapper)
     watcher.begins(run, ranger)
 
-    def work(step: Step) -> Observation | None:
-        if not step.due:
-            return None
-        return known.get(step.pair.stamp) or observe(step.pair, ranger, step.key_frame)
-
     total = len(recording.pairs)
-    stepper = Stepper(mapper.gate)
-    with_motion = moved(recording.pairs, motion, threads)
-    steps = (stepper.step(pair, motion) for pair, motion in with_motion)
-    for step, seen in run.each(ahead(steps, work, threads), total, progress, interrupted):
+    looks = look(recording, ranger, mapper.gate, motion, threads, known, watcher is not NOBODY)
+    for step, seen in run.each(looks, total, progress, interrupted):
         if seen is not None:
             known.add(step.pair.stamp, seen)
         take(step, seen, run)
@@ -153,6 +146,30 @@ def map_recording(
     mapper.finish()
     run.told = told(motion, recording.pairs[0].stamp)
     return run
+
+
+def look(
+    recording: Recording,
+    ranger: StereoRanger,
+    gate: ObservationGate,
+    motion: AnyMotion,
+    threads: int,
+    known: Observations = NOTHING,
+    keep: bool = False,
+) -> Iterator[tuple[Step, Observation | None]]:
+    """Every pair on its way, and what is seen in it where it is due: all that a mapper is given.
+
+    known: as of `map_recording`. keep: images and disparities are passed on, too.
+    """
+
+    def work(step: Step) -> Observation | None:
+        if not step.due:
+            return None
+        return known.get(step.pair.stamp) or observe(step.pair, ranger, step.key_frame, keep)
+
+    stepper = Stepper(gate)
+    with_motion = moved(recording.pairs, motion, threads)
+    yield from ahead((stepper.step(pair, m) for pair, m in with_motion), work, threads)
 
 
 class Stepper:

@@ -14,7 +14,7 @@ import numpy as np
 
 from calibration.rig import Mount, StereoRig
 from mapping.ego_motion import EgoMotion
-from mapping.gate import ObservationGate
+from mapping.gate import gate_of
 from mapping.settings import MappingSettings
 from odometry.motion import Motion, compose, inverse
 from odometry.settings import OdometrySettings
@@ -62,7 +62,7 @@ def scan_motions(
     scanner on the robot, roughly.
     """
     ego = EgoMotion(settings.cell, float(np.radians(settings.correlated)))
-    gate = ObservationGate(settings.spacing, float(np.radians(settings.spacing_angle)))
+    gate = gate_of(settings)
     found: SensorMotions = []
     since: Motion | None = None
     for scan, motion in zip(scans, motions, strict=True):

@@ -61,7 +61,7 @@ def sources(folder: Path) -> set[str]:
     return {
         path.relative_to(folder).as_posix()
         for package in PACKAGES
-        for ending in ("*.py", "*.yaml")
+        for ending in ("*.py", "*.yaml", "*.j2", "*.html", "*.js", "*.css", "*.svg")
         for path in (folder / package).rglob(ending)
     }
 

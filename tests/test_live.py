@@ -19,6 +19,7 @@ from pipeline.live.live_run import LiveOptions, begin_output, live_run
 from pipeline.live.record_run import record_run
 from pipeline.recordings import open_recording
 from pipeline.settings import load_settings
+from pipeline.watcher import NOBODY, Watcher
 from tests.virtual_rigs import virtual_rig
 
 SETTINGS = ("odometry.max_speed=100", "mapping.particles=20")
@@ -44,12 +45,19 @@ def record_all(rig, folder: Path, virtual) -> dict:
     return record_run(load_live_rig(rig), folder, virtual.timeline.finished, believed)
 
 
-def live_all(rig, output: Path, virtual, motion: str = "encoders", **options):
+def live_all(
+    rig, output: Path, virtual, motion: str = "encoders", watcher: Watcher = NOBODY, **options
+):
     settings = load_settings(None, SETTINGS)
     begin_output(output, False, {})
     facts = {"motion": motion}
     wanted = LiveOptions(
-        settings, seed=1, stop=virtual.timeline.finished, motion=motion, facts=facts
+        settings,
+        seed=1,
+        stop=virtual.timeline.finished,
+        motion=motion,
+        facts=facts,
+        watcher=watcher,
     )
     return live_run(load_live_rig(rig), output, output / "recording", wanted, **options)
 
@@ -75,16 +83,34 @@ def test_a_recording_holds_the_bytes_that_the_cameras_sent(office_piece, tmp_pat
     assert (tmp_path / "rec" / "mav0" / "odom0" / "serial.log").stat().st_size > 100
 
 
-def test_a_live_map_is_that_of_its_recording(office_piece, tmp_path, beemap):
+def test_a_live_map_is_that_of_its_recording_whoever_looks_on(office_piece, tmp_path, beemap):
+    pytest.importorskip("uvicorn", reason="the extra 'web' is not installed")
+    from pipeline.web.run_page import RunPage
+    from pipeline.web.server import WebServer
+    from tests.web_viewers import Onlooker
+
     poses, maps = [], []
-    with virtual_rig(office_piece, tmp_path / "rig", speed=5.0) as virtual:
+    page = RunPage("run", tmp_path / "run", threading.Event())
+    with (
+        virtual_rig(office_piece, tmp_path / "rig", speed=5.0) as virtual,
+        WebServer(page, None, 0, print) as server,
+    ):
+        onlookers = [Onlooker(server.url), Onlooker(server.url)]
         summary = live_all(
             tmp_path / "rig" / "rig.yaml",
             tmp_path / "run",
             virtual,
+            watcher=page.state,
             on_pose=poses.append,
             on_map=maps.append,
         )
+    for onlooker in onlookers:
+        onlooker.join()
+        assert {"picture", "depth", "local", "map", "path", "pose"} <= set(onlooker.topics)
+        pictures = onlooker.topics["picture"]
+        sent = set(images(tmp_path / "run" / "recording", "cam0"))
+        assert {p.blob[p.values["columns"] :] for p in pictures} <= sent
+        assert onlooker.topics["run"][-1].values["phase"] == "ended"
     assert summary["pairs_skipped"] == 0
     assert summary["local_maps"] >= 3
     assert len(poses) == summary["counts"]["pairs used"]
@@ -167,17 +193,20 @@ def test_a_killed_recording_opens_with_all_but_the_last_second(office_piece, tmp
     assert recording.ticks is not None
 
 
-def test_poses_as_lines_and_the_end_by_a_signal(office_piece, tmp_path):
+def test_poses_as_lines_a_page_and_the_end_by_a_signal(office_piece, tmp_path):
     with virtual_rig(office_piece, tmp_path / "rig", speed=10.0) as virtual:
         command = [sys.executable, "-m", "pipeline.cli", "live", tmp_path / "rig" / "rig.yaml"]
-        command += ["-o", tmp_path / "run", "--poses", "-", "--quiet"]
+        command += ["-o", tmp_path / "run", "--poses", "-", "--quiet", "--web", "--port", "0"]
         for setting in SETTINGS:
             command += ["--set", setting]
-        process = subprocess.Popen([*map(str, command)], stdout=subprocess.PIPE, text=True)
+        process = subprocess.Popen(
+            [*map(str, command)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
         virtual.timeline.finished.wait(30.0)
         process.send_signal(signal.SIGINT)
-        out, _ = process.communicate(timeout=60.0)
+        out, err = process.communicate(timeout=60.0)
     assert process.returncode == 0
+    assert err.startswith("page: http://127.0.0.1:")
     events = [json.loads(line) for line in out.splitlines()]
     assert {event["type"] for event in events} == {"pose", "map"}
     summary = json.loads((tmp_path / "run" / "run.json").read_text())

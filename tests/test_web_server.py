@@ -30,6 +30,12 @@ def serving(page: Counter | None = None, host: str | None = None) -> Iterator[We
         yield running
 
 
+@pytest.fixture(autouse=True)
+def often(monkeypatch) -> None:
+    """News come more often than to people."""
+    monkeypatch.setattr(hub, "RATE", 20.0)
+
+
 @pytest.fixture(scope="module")
 def running() -> Iterator[WebServer]:
     """A server that no test harms."""
@@ -255,7 +261,7 @@ def test_beyond_loopback_a_token_is_asked_for():
         cookie = answer.headers["Set-Cookie"]
         assert (answer.status, answer.headers["Location"]) == (303, "/")
         assert "HttpOnly" in cookie
-        assert "SameSite=strict" in cookie
+        assert "SameSite=lax" in cookie
         kept = cookie.partition(";")[0]
         assert get(url, "/", Cookie=kept).status == 200
         with viewer(url, additional_headers={"Cookie": kept}) as one:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import threading
+from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from urllib.parse import urlsplit
 
+from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
 from pipeline.web.hub import RefusedError
@@ -61,3 +64,27 @@ def news(socket: ClientConnection, topic: str, timeout: float = 5.0) -> Message:
         for message in receive(socket, timeout):
             if message.topic == topic:
                 return message
+
+
+class Onlooker:
+    """A viewer in a thread of its own, until the server ends; topics: all that came."""
+
+    def __init__(self, url: str) -> None:
+        self.topics: dict[str, list[Message]] = defaultdict(list)
+        self._url = url
+        self._thread = threading.Thread(target=self._look, daemon=True)
+        self._thread.start()
+
+    def join(self) -> None:
+        """Wait until the server has ended."""
+        self._thread.join(30.0)
+        assert not self._thread.is_alive()
+
+    def _look(self) -> None:
+        with viewer(self._url) as socket:
+            try:
+                while True:
+                    for message in receive(socket, 30.0):
+                        self.topics[message.topic].append(message)
+            except ConnectionClosed:
+                return

@@ -41,21 +41,71 @@ def read(
     """
     notes: list[str] = []
     left, right = (_camera(s, source, notes) for s, source in zip(sheets, sources, strict=True))
-    sizes = [
+    size = _size(sheets, sources)
+    P1, P2, offset = _projections(sheets, sources)
+    R1, R2 = (
+        rotation(matrix(s, "rectification_matrix", (3, 3), f), f"{f}: rectification_matrix")
+        for s, f in zip(sheets, sources, strict=True)
+    )
+    rig = StereoRig(
+        size,
+        left,
+        right,
+        R2.T @ R1,
+        R2.T @ offset,
+        rectified=_is_rectified((left, right), (R1, R2), (P1, P2)),
+    )
+    return checked(rig, f"{sources[0]} and {sources[1]}"), notes
+
+
+def read_rectified(
+    sheets: tuple[dict[str, Any], dict[str, Any]], sources: tuple[str, str]
+) -> StereoRig:
+    """The rig of the rectified images that these sheets make (image_rect): projections only.
+
+    Raises:
+        RigError: as `read`.
+    """
+    P1, P2, offset = _projections(sheets, sources)
+    left, right = (
+        CameraModel(*pinhole(P[:, :3], f"{source}: projection_matrix"))
+        for P, source in zip((P1, P2), sources, strict=True)
+    )
+    rig = StereoRig(_size(sheets, sources), left, right, np.eye(3), offset, rectified=True)
+    return checked(rig, f"{sources[0]} and {sources[1]}")
+
+
+def write(rig: StereoRig) -> tuple[dict[str, dict[str, Any]], list[str]]:
+    """Content of left.yaml and right.yaml in full precision; no note: all of it fits."""
+    made = rectification(rig)
+    cameras = {
+        "left": (rig.left, made.R1, made.P1),
+        "right": (rig.right, made.R2, made.P2),
+    }
+    return {f"{name}.yaml": _sheet(name, rig, *c) for name, c in cameras.items()}, []
+
+
+def _size(
+    sheets: tuple[dict[str, Any], dict[str, Any]], sources: tuple[str, str]
+) -> tuple[int, int]:
+    left, right = (
         image_size([s.get("image_width"), s.get("image_height")], f"{f}: image_width, image_height")
         for s, f in zip(sheets, sources, strict=True)
-    ]
-    same_size(sizes[0], sizes[1], sources)
+    )
+    same_size(left, right, sources)
+    return left
+
+
+def _projections(
+    sheets: tuple[dict[str, Any], dict[str, Any]], sources: tuple[str, str]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """P1, P2 (3, 4); where the left camera's centre stands for the rectified right one (3,) [m]."""
     for sheet, source in zip(sheets, sources, strict=True):
         if sheet.get("rectification_matrix") is None or sheet.get("projection_matrix") is None:
             raise RigError(
                 f"{source}: without rectification_matrix and projection_matrix the pose between "
                 "the cameras is not known: calibrate them as a stereo pair"
             )
-    R1, R2 = (
-        rotation(matrix(s, "rectification_matrix", (3, 3), f), f"{f}: rectification_matrix")
-        for s, f in zip(sheets, sources, strict=True)
-    )
     P1, P2 = (_projection(s, f) for s, f in zip(sheets, sources, strict=True))
     offset = P2[:2, 3] / P2[[0, 1], [0, 1]] - P1[:2, 3] / P1[[0, 1], [0, 1]]
     if not offset.any():
@@ -68,25 +118,7 @@ def read(
             f"{sources[0]}: projection_matrix[3] is {P1[0, 3]:g}, in {sources[1]} it is 0: give "
             "the left camera's file first"
         )
-    rig = StereoRig(
-        sizes[0],
-        left,
-        right,
-        R2.T @ R1,
-        R2.T @ np.array([*offset, 0.0]),
-        rectified=_is_rectified((left, right), (R1, R2), (P1, P2)),
-    )
-    return checked(rig, f"{sources[0]} and {sources[1]}"), notes
-
-
-def write(rig: StereoRig) -> tuple[dict[str, dict[str, Any]], list[str]]:
-    """Content of left.yaml and right.yaml in full precision; no note: all of it fits."""
-    made = rectification(rig)
-    cameras = {
-        "left": (rig.left, made.R1, made.P1),
-        "right": (rig.right, made.R2, made.P2),
-    }
-    return {f"{name}.yaml": _sheet(name, rig, *c) for name, c in cameras.items()}, []
+    return P1, P2, np.array([*offset, 0.0])
 
 
 def _camera(sheet: dict[str, Any], source: str, notes: list[str]) -> CameraModel:

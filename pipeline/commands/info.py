@@ -153,6 +153,8 @@ def _motion(recording: Recording) -> str:
             f"{(ticks.stamps[-1] - ticks.stamps[0]) / 1e9:.1f} s, {skipped} lines skipped, "
             f"{len(gaps)} gaps"
         )
+    if recording.odometry is not None:
+        found.append(f"odometry: {len(recording.odometry)} poses")
     if recording.poses is not None:
         found.append(f"poses: {len(recording.poses)} from {recording.poses_source}")
     return "; ".join(found) or "none: give --motion poses:FILE.tum"

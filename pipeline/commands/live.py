@@ -115,6 +115,7 @@ def live_command(
             # What mapping the recording offline would be asked for: `map --resume` goes on so.
             asked = MapRequest(str(place), motion=motion, seed=seed, begin=begin)
             asked = asked.complete(settings)
+            facts["request"] = asked.told()
             known = Checkpoint.start(output / "checkpoint", msgspec.to_builtins(asked))
             screen.page = page
             options = LiveOptions(

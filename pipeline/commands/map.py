@@ -48,8 +48,9 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--motion",
-    help="encoders, visual (from the images), fused (both), poses (the recording's own) or "
-    "poses:FILE.tum; default: encoders where there are any, else visual",
+    help="encoders, odometry (kept as poses), visual (from the images), fused (wheels and images), "
+    "poses (the recording's own truth) or poses:FILE.tum; default: the first of these three that "
+    "there is",
 )
 @click.option(
     "--method",
@@ -166,6 +167,7 @@ def _map(
             "input": request.input,
             **job.facts(),
             "seed": request.seed,
+            "request": request.complete(settings).told(),
             "notes": job.notes,
             "threads": threads,
             "recording": job.skipped,
@@ -241,7 +243,7 @@ def _print_summary(
         for reason, names in reasons.items():
             click.echo(f"skipped: {reason}: {counted(names)}")
     for key, value in summary.get("odometry", {}).items():
-        if value and key.startswith(("ticks_", "tick_gaps", "longest", "poses_skipped")):
+        if value and key.startswith(("ticks_", "tick_gaps", "longest", "poses_")):
             click.echo(f"odometry: {key.replace('_', ' ')}: {value:g}")
     for line in summary["health"]:
         click.echo(f"health: {line}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import threading
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -14,7 +14,6 @@ from pipeline.errors import InputError
 
 if TYPE_CHECKING:
     from pipeline.job import Job
-    from pipeline.map_request import MapRequest
     from pipeline.settings import Settings
     from pipeline.web.run_state import RunState
 
@@ -35,7 +34,7 @@ if TYPE_CHECKING:
 @click.option("--fps", type=click.FloatRange(min=0, min_open=True), help="As of map.")
 @click.option("--settings", "settings_file", type=click.Path(path_type=Path), help="YAML settings.")
 @click.option("--set", "overrides", multiple=True, metavar="STAGE.KEY=VALUE", help="One setting.")
-@click.option("--seed", type=click.IntRange(min=0), help="[default: the run's, else 1]")
+@click.option("--seed", type=click.IntRange(min=0), help="[default: 1]")
 @click.option("--threads", type=click.IntRange(min=1), help="Default: all cores.")
 @click.option("--force", is_flag=True, help="Replace an existing result folder.")
 def replay_command(
@@ -57,8 +56,8 @@ def replay_command(
     """Watch a recording being mapped, on the page of a live run.
 
     It is mapped anew, at the pace at which it was recorded; of a result folder, the recording it
-    was made from, with its settings, motion and seed. Every pair is mapped: where that takes longer
-    than recording did, the replay is slower. Ctrl-C, or Stop on the page, ends it.
+    was made from, as it was mapped then. Every pair is mapped: where that takes longer than
+    recording did, the replay is slower. Ctrl-C, or Stop on the page, ends it.
 
     \b
     beemap replay data/office --web --speed 4
@@ -67,49 +66,65 @@ def replay_command(
     from pipeline.commands.live_screen import until_interrupted
     from pipeline.folders import check_output
     from pipeline.live.live_run import begin_output
+    from pipeline.map_request import MapRequest
 
     if not web:
         raise InputError("replay: shows a run on a page: give --web")
     check_web(web, host, port)
     threads = threads or os.cpu_count() or 1
-    request, settings_of_run = _request(source, rig, motion, fps, seed)
-    if output is not None:
-        check_output(Path(request.input), output, force)
-    job, settings = request.prepare(settings_file or settings_of_run, overrides, threads)
     use_threads(threads)
+    if (source / "run.json").is_file():
+        given = {"--rig": rig, "--motion": motion, "--fps": fps, "--seed": seed}
+        given |= {"--settings": settings_file, "--set": overrides or None}
+        job, settings, facts = _of_run(source, given, threads)
+    else:
+        request = MapRequest(
+            str(source), str(rig) if rig else None, motion, fps, 1 if seed is None else seed
+        )
+        job, settings = request.prepare(settings_file, overrides, threads)
+        asked = request.complete(settings).told()
+        facts = {"input": request.input, "seed": request.seed, "request": asked}
     for note in job.notes:
         click.echo(f"note: {note}", err=True)
+    if output is not None:
+        check_output(Path(facts["input"]), output, force)
     name = source.resolve().name
     with until_interrupted() as stop, watched(True, host, port, name, output, stop) as state:
         assert state is not None
         if output is not None:
-            begin_output(output, force, {"input": request.input, "seed": request.seed})
-        _replay(request, job, settings, state, speed, output, stop)
+            begin_output(output, force, facts)
+        _replay(job, settings, facts, state, speed, output, stop)
         if not stop.is_set():
             click.echo("the replay is over; Ctrl-C, or Stop on the page, ends it", err=True)
             stop.wait()
 
 
-def _request(
-    source: Path, rig: Path | None, motion: str | None, fps: float | None, seed: int | None
-) -> tuple[MapRequest, Path | None]:
-    """What to map, and the settings it was mapped with before."""
-    import msgspec
+def _of_run(
+    folder: Path, given: dict[str, Any], threads: int
+) -> tuple[Job, Settings, dict[str, Any]]:
+    """The run that made a result folder, its settings, and what run.json says of what it was
+    asked for."""
+    from pipeline.run_folder import open_run
 
-    from pipeline.map_request import MapRequest
-    from pipeline.replay import made_by
-
-    made = made_by(source)
-    request, settings = made if made is not None else (MapRequest(str(source)), None)
-    given = {"rig": str(rig) if rig else None, "motion": motion, "fps": fps, "seed": seed}
-    known = {name: value for name, value in given.items() if value is not None}
-    return msgspec.structs.replace(request, **known), settings
+    for option, value in given.items():
+        if value is not None:
+            raise InputError(f"{option}: a run is made again as it was: give the recording instead")
+    run = open_run(folder)
+    job = run.job(None, threads)
+    for note in run.notes:
+        click.echo(f"note: {note}", err=True)
+    if job is None:
+        raise InputError(f"{folder}: cannot be made again: give the recording instead")
+    facts = {name: run.facts[name] for name in ("input", "seed", "request") if name in run.facts}
+    # Where it lies now: it must not be replaced.
+    facts["input"] = str(job.opened.path)
+    return job, run.settings, facts
 
 
 def _replay(
-    request: MapRequest,
     job: Job,
     settings: Settings,
+    facts: dict[str, Any],
     state: RunState,
     speed: float,
     output: Path | None,
@@ -119,17 +134,17 @@ def _replay(
     from pipeline.checkpoint import NOTHING
     from pipeline.live.live_run import save_results
     from pipeline.live.map_saver import MapSaver
-    from pipeline.replay import Paced
+    from pipeline.replay import Paced, count
 
     saver = None if output is None else MapSaver(output, state.saved)
-    paced = Paced(state, speed, job.total, stop, saver)
+    paced = Paced(state, speed, count(job), stop, saver)
     try:
         run = job.run(lambda done, total: None, stop.is_set, NOTHING, paced)
     finally:
         if saver is not None:
             saver.close()
     if output is not None:
-        facts = {"input": request.input, **job.facts(), "seed": request.seed, "notes": job.notes}
+        facts |= {**job.facts(), "notes": job.notes}
         save_results(output, run, settings, facts, job.truth)
         click.echo(f"results: {output}{os.sep}", err=True)
     state.ended(run)

@@ -5,13 +5,13 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 import click
 
 from pipeline.errors import InputError
+from pipeline.extras import need
 
 if TYPE_CHECKING:
     from pipeline.web.hub import Page
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from pipeline.web.server import WebServer
 
 F = TypeVar("F", bound=Callable[..., object])
-NEEDS = ("starlette", "uvicorn", "websockets")
 
 
 def web_options(command: F) -> F:
@@ -50,8 +49,7 @@ def check_web(web: bool, host: str | None, port: int | None) -> None:
         if given:
             raise InputError(f"{given[0]}: belongs to --web")
         return
-    if any(find_spec(name) is None for name in NEEDS):
-        raise InputError("--web: needs more packages: pip install 'beemap[web]'")
+    need("web", "--web")
 
 
 @contextmanager
@@ -85,4 +83,8 @@ def watched(
 
     page = RunPage(name, output, stop)
     with served(page, host, port):
-        yield page.state
+        try:
+            yield page.state
+        except Exception as error:
+            page.state.failed(str(error))
+            raise

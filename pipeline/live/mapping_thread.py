@@ -125,7 +125,7 @@ class LiveMapper:
         seen = None
         if step.due:
             self._check(pair)
-            seen = observe(pair, self._ranger, step.key_frame)
+            seen = observe(pair, self._ranger, step.key_frame, keep=self._watcher is not NOBODY)
             self._known.add(pair.stamp, seen)
         begin = time.perf_counter()
         take(step, seen, self.run)

@@ -2,6 +2,7 @@
 
 mav0/cam0, cam1: data.csv, data/*.png|jpg, sensor.yaml
 mav0/odom0: data.csv (`#timestamp [ns],left [ticks],right [ticks]`), sensor.yaml
+mav0/odometry0/data.csv: odometry that was kept as poses (`#timestamp [ns],x [m],y [m],theta [rad]`)
 mav0/state_groundtruth_estimate0/data.csv: the truth, where there is one
 mav0/stereo0 in place of cam0 and cam1: a camera that sends both images side by side
 rig.yaml: beside mav0, the rig with which it was recorded; wins over the sensor.yaml files
@@ -65,6 +66,9 @@ def read(path: Path) -> Recording:
     _add_rig(recording, root, robot_frame)
     if robot_frame:
         _add_ticks(recording, root / "odom0")
+    odometry = root / "odometry0" / "data.csv"
+    if odometry.is_file():
+        recording.odometry = _odometry(odometry, recording)
     truth = root / "state_groundtruth_estimate0" / "data.csv"
     if truth.is_file():
         recording.poses = _truth(truth, recording)
@@ -147,8 +151,30 @@ def _add_ticks(recording: Recording, folder: Path) -> None:
         recording.skip(BROKEN_TICKS, [str(error)])
 
 
+def _odometry(path: Path, recording: Recording) -> Trajectory | None:
+    """Columns: stamp, x, y, theta."""
+    rows = _rows(path, 3, "odometry", recording)
+    if rows is None:
+        return None
+    stamps, values = rows
+    return Trajectory(stamps, values)
+
+
 def _truth(path: Path, recording: Recording) -> Trajectory | None:
     """Columns: stamp, position x y z, quaternion w x y z, and more that is not needed."""
+    rows = _rows(path, 7, "ground truth", recording)
+    if rows is None:
+        return None
+    stamps, values = rows
+    x, y, _, w, i, j, k = values.T
+    yaw = np.arctan2(2.0 * (w * k + i * j), 1.0 - 2.0 * (j * j + k * k))
+    return Trajectory(stamps, np.stack([x, y, yaw], axis=1))
+
+
+def _rows(
+    path: Path, count: int, what: str, recording: Recording
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Stamps (n,) int64 ns and the first `count` numbers (n, count) of every line; None: none."""
     rows, broken = [], []
     lines = read_lines(path)
     # The start of a number is a number, too: a line without its end is not believed.
@@ -158,18 +184,21 @@ def _truth(path: Path, recording: Recording) -> Trajectory | None:
             continue
         stamp, *numbers = (part.strip() for part in line.split(","))
         try:
-            values = [float(v) for v in numbers[:7]]
+            values = [float(v) for v in numbers[:count]]
         except ValueError:
             values = []
-        if number < last and _is_stamp(stamp) and len(values) == 7 and np.isfinite(values).all():
+        if (
+            number < last
+            and _is_stamp(stamp)
+            and len(values) == count
+            and np.isfinite(values).all()
+        ):
             rows.append((int(stamp), *values))
         else:
             broken.append(f"line {number}")
-    recording.skip("garbled line in the ground truth", broken)
+    recording.skip(f"garbled line in the {what}", broken)
     if not rows:
-        recording.skip("ground truth that holds no pose", [str(path)])
+        recording.skip(f"{what} that holds no pose", [str(path)])
         return None
     stamps = np.array([row[0] for row in rows], np.int64)
-    x, y, _, w, i, j, k = np.array([row[1:] for row in rows]).T
-    yaw = np.arctan2(2.0 * (w * k + i * j), 1.0 - 2.0 * (j * j + k * k))
-    return Trajectory(stamps, np.stack([x, y, yaw], axis=1))
+    return stamps, np.array([row[1:] for row in rows])

@@ -16,12 +16,14 @@ import cv2
 import numpy as np
 
 from calibration.exchange.euroc import camera_sheets
-from calibration.rig import StereoRig
+from calibration.rig import RigError, StereoRig, rig_to_dict
 from calibration.yamlfile import dump_yaml
 from pipeline.errors import InputError
+from pipeline.recordings.recorded_rig import RIG_FILE, marked
 
 IMAGE_HEADER = "#timestamp [ns],filename"
 TICKS_HEADER = "#timestamp [ns],left [ticks],right [ticks]"
+ODOMETRY_HEADER = "#timestamp [ns],x [m],y [m],theta [rad]"
 TRUTH_HEADER = (
     "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],"
     "q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z [],"
@@ -50,29 +52,41 @@ class ImageFormat:
 class AslWriter:
     """Writes `folder`/mav0 as pairs, ticks and truth come in; a context manager.
 
-    folder: exists. rate: pairs a second, noted in sensor.yaml. encoders: the keys of
-    `odom0/sensor.yaml` (ticks_per_revolution, left_radius, ...), None where there are no wheels.
+    folder: exists. rate: pairs a second, noted in sensor.yaml; None: not known. encoders: the keys
+    of `odom0/sensor.yaml` (ticks_per_revolution, left_radius, ...), None where there are no wheels.
+    keep_rig: the rig file itself is laid beside `mav0`, too, so that any lens can be told.
 
     Raises:
-        RigError: the rig cannot be told in this layout (distortion model).
+        RigError: the rig cannot be told in this layout (distortion model) and is not kept.
     """
 
     def __init__(
         self,
         folder: Path,
         rig: StereoRig,
-        rate: float,
+        rate: float | None,
         encoders: Mapping[str, Any] | None = None,
         image_format: ImageFormat = ImageFormat(),
+        keep_rig: bool = False,
     ) -> None:
         self.root = Path(folder) / "mav0"
         self.image_format = image_format
         self._files: dict[str, TextIO] = {}
         self._stack = ExitStack()
-        for name, sheet in camera_sheets(rig, rate).items():
-            self._sensor(name, sheet)
-            (self.root / name / "data").mkdir()
+        sheets = {}
+        try:
+            sheets = camera_sheets(rig, rate)
+        except RigError:
+            if not keep_rig:
+                raise
+        for name in ("cam0", "cam1"):
+            (self.root / name / "data").mkdir(parents=True)
             self._open(name, IMAGE_HEADER)
+        for name, sheet in sheets.items():
+            self._sensor(name, sheet)
+        if keep_rig:
+            text = marked(dump_yaml(rig_to_dict(rig)))
+            (Path(folder) / RIG_FILE).write_text(text, encoding="utf-8")
         if encoders is not None:
             self._sensor("odom0", {"sensor_type": "encoders", **encoders})
             self._open("odom0", TICKS_HEADER)
@@ -90,14 +104,26 @@ class AslWriter:
 
     def add_pair(self, stamp: int, left: np.ndarray, right: np.ndarray) -> None:
         """Append a raw pair (uint8) taken at `stamp` ns."""
-        name = f"{stamp}.{self.image_format.ending}"
         for camera, image in (("cam0", left), ("cam1", right)):
-            (self.root / camera / "data" / name).write_bytes(self.image_format.encode(image))
-            self._line(camera, f"{stamp},{name}")
+            data = self.image_format.encode(image)
+            self.add_image(camera, stamp, self.image_format.ending, data)
+
+    def add_image(self, camera: str, stamp: int, ending: str, data: bytes) -> None:
+        """Append the file of one image of `cam0` or `cam1`, taken at `stamp` ns, as it is."""
+        name = f"{stamp}.{ending}"
+        (self.root / camera / "data" / name).write_bytes(data)
+        self._line(camera, f"{stamp},{name}")
 
     def add_ticks(self, stamp: int, left: int, right: int) -> None:
         """Append the encoders' counters as read at `stamp` ns."""
         self._line("odom0", f"{stamp},{left},{right}")
+
+    def add_odometry(self, stamp: int, pose: np.ndarray) -> None:
+        """Append where odometry has the robot (x m, y m, theta rad), in full precision."""
+        if "odometry0" not in self._files:
+            self._open("odometry0", ODOMETRY_HEADER)
+        x, y, theta = (float(v) for v in pose)
+        self._line("odometry0", f"{stamp},{x!r},{y!r},{theta!r}")
 
     def add_truth(self, stamp: int, pose: np.ndarray, velocity: np.ndarray) -> None:
         """Append the robot's true pose (x m, y m, theta rad) and velocity (2,) m/s."""

@@ -145,6 +145,7 @@ class HalvedPair:
 class Recording:
     """A recording opened: lists and small tables, no images.
 
+    odometry: dead reckoning that was kept as poses; poses: the truth, or nearly so.
     skipped: names of frames or lines that were passed over, by reason.
     """
 
@@ -155,6 +156,7 @@ class Recording:
     rig_source: str = ""
     ticks: TickLog | None = None
     encoders: EncoderParameters | None = None
+    odometry: Trajectory | None = None
     poses: Trajectory | None = None
     poses_source: str = ""
     skipped: dict[str, list[str]] = field(default_factory=dict)

@@ -35,10 +35,11 @@ def make_app(hub: Hub, access: Access, connections: Connections) -> Starlette:
 
     async def index(request: Request) -> Response:
         if access.token is not None and "token" in request.query_params:
-            # The token leaves the address bar, where others may read it.
+            # The token leaves the address bar, where others may read it. "lax": the link may be
+            # followed from anywhere, in a mail for one; requests by other sites lack the cookie.
             response = RedirectResponse("/", 303)
             name = access.cookie(request)
-            response.set_cookie(name, access.token, httponly=True, samesite="strict")
+            response.set_cookie(name, access.token, httponly=True, samesite="lax")
             return response
         return Response(files[hub.page.index], media_type="text/html")
 

@@ -10,6 +10,7 @@ pose       of the robot now, and the path since the map
 
 from __future__ import annotations
 
+import secrets
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -34,6 +35,7 @@ class RunNews:
         self._state = state
         self._name = name
         self._output = output
+        self._id = secrets.token_hex(4)  # a page that finds another run begins anew
         self._sent: dict[str, Any] = {}
 
     def __iter__(self) -> Iterator[Message]:
@@ -48,14 +50,16 @@ class RunNews:
     def _run(self) -> Iterator[Message]:
         state = self._state
         values = {
+            "id": self._id,
             "name": self._name,
             "phase": state.phase,
+            "failure": state.failure,
             "output": None if self._output is None else str(self._output),
             "figures": list(state.figures.items()),
             "checks": list(state.checks.items()),
             "notes": list(state.notes),
             "cameras": state.ranger is not None,
-            "farthest": state.ranger.max_range if state.ranger else state.settings.max_range,
+            "farthest": state.ranger.max_range if state.ranger else None,
         }
         if self._sent.get("run") != values:
             self._sent["run"] = values

@@ -10,7 +10,7 @@ from pipeline.places import Place
 from pipeline.web.hub import RefusedError
 from pipeline.web.messages import Message
 from pipeline.web.run_news import RunNews
-from pipeline.web.run_state import ENDED, FINISHING, MAPPING, RunState
+from pipeline.web.run_state import FINISHING, MAPPING, WAITING, RunState
 
 LONGEST_NAME = 40
 
@@ -71,7 +71,7 @@ class RunPage:
         return f"'{name}' is where the robot is now"
 
     def _end(self, _value: str) -> str:
-        if self.state.phase != ENDED:
+        if self.state.phase in (WAITING, MAPPING):
             self.state.phase = FINISHING
         self._stop.set()
         return "stopping: the map is being finished ..."

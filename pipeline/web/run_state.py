@@ -23,7 +23,7 @@ from stereo.ranger import StereoRanger
 from stereo.scan import RangeScan
 
 MOST_NOTES = 30
-WAITING, MAPPING, FINISHING, ENDED = "waiting", "mapping", "finishing", "ended"
+WAITING, MAPPING, FINISHING, ENDED, FAILED = "waiting", "mapping", "finishing", "ended", "failed"
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +41,7 @@ class Seen:
 
 class RunState(Watcher):
     """moment: with the time [monotonic ns] at which its picture was taken, or was shown in a
-    replay; figures and checks: as of `Status`; notes: time and text."""
+    replay; figures and checks: as of `Status`; notes: time and text; failure: why it failed."""
 
     def __init__(self) -> None:
         self.run: MapRun | None = None
@@ -54,6 +54,7 @@ class RunState(Watcher):
         self.checks: dict[str, str] = {}
         self.notes: deque[tuple[str, str]] = deque(maxlen=MOST_NOTES)
         self.phase = WAITING
+        self.failure = ""
         self._wanted = threading.Event()
         self._asked = threading.Event()
 
@@ -109,6 +110,11 @@ class RunState(Watcher):
         """The last map; nothing comes after it."""
         self.snapshot = Snapshot.of(run)
         self.phase = ENDED
+
+    def failed(self, why: str) -> None:
+        """The run ended by an error; what it knew until then is shown."""
+        self.failure = why
+        self.phase = FAILED
 
     def tell(self, text: str) -> None:
         """Something happened."""

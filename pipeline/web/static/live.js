@@ -7,7 +7,7 @@ import { CameraView, DepthView, LocalView } from "./pictures.js";
 
 const OLD = 1.0; // s: a picture that is worth a word
 const LINES = { open: "live", lost: "connection lost", refused: "not let in" };
-const PHASES = { waiting: "waiting for the robot", finishing: "finishing the map", ended: "finished" };
+const PHASES = { waiting: "waiting for the robot", finishing: "finishing the map", ended: "finished", failed: "failed" };
 
 const element = (id) => document.getElementById(id);
 const map = new MapView(element("map"), (text) => {
@@ -28,12 +28,14 @@ function made(name, text, kind = "") {
 }
 
 function showRun(values) {
+  if (run.id && run.id !== values.id) return location.reload(); // another run
   run = values;
   element("name").textContent = run.name;
   document.title = `${run.name}: ${PHASES[run.phase] ?? "beemap"}`;
   for (const card of ["camera-card", "depth-card"]) element(card).hidden = !run.cameras;
-  element("half").textContent = `${(run.farthest / 2).toFixed(1)} m`;
-  element("farthest").textContent = `${run.farthest.toFixed(1)} m`;
+  const metres = (value) => (value ? `${value.toFixed(1)} m` : "");
+  element("half").textContent = metres(run.farthest / 2);
+  element("farthest").textContent = metres(run.farthest);
   element("checks").replaceChildren(
     ...run.checks.map(([name, wrong]) => made("li", wrong || name, wrong ? "bad" : "")));
   element("figures").replaceChildren(...run.figures.map(([name, value]) => {
@@ -52,17 +54,18 @@ function showRun(values) {
 
 /** How the line and the run are, and what can be asked for now. */
 function showLine() {
-  const ended = run.phase === "ended", open = line === "open";
+  const ended = ["ended", "failed"].includes(run.phase), open = line === "open";
   const pill = element("line"), banner = element("banner");
-  pill.textContent = ended ? PHASES.ended : open ? PHASES[run.phase] ?? LINES.open : LINES[line];
-  pill.className = `pill ${ended ? "" : line}`;
+  pill.textContent = ended ? PHASES[run.phase] : open ? PHASES[run.phase] ?? LINES.open : LINES[line];
+  pill.className = `pill ${run.failure ? "lost" : ended ? "" : line}`;
   const saved = run.output ? `Its map is in ${run.output}.` : "Nothing of it is kept.";
-  const told = ended ? `The run is over. ${saved}`
+  const told = run.failure ? `The run ended: ${run.failure}. ${saved}`
+    : ended ? `The run is over. ${saved}`
     : line === "lost" ? "Connection lost: trying again. What you see is the last that came."
       : line === "refused" ? "The server started anew: open the address that beemap printed." : "";
   banner.textContent = told;
   banner.hidden = !told;
-  banner.className = ended ? "banner" : "banner lost";
+  banner.className = run.phase === "ended" ? "banner" : "banner lost";
   element("save").disabled = element("mark").disabled = !open || run.phase !== "mapping";
   element("save").title = run.output ? "" : "Nothing is kept of this replay";
   element("stop").disabled = !open || run.phase === "finishing";
@@ -107,7 +110,7 @@ const order = watch({
 setInterval(() => {
   if (!picture) return;
   const age = picture.age + (performance.now() - picture.at) / 1000;
-  const over = run.phase === "ended";
+  const over = ["ended", "failed"].includes(run.phase);
   element("age").textContent = over ? "the last picture" : age > OLD ? `${age.toFixed(0)} s old` : "now";
 }, 250);
 

@@ -112,8 +112,11 @@ export class MapView {
     this.redraw();
   }
 
+  /** With the ruler in hand the map stands still, though it may grow. */
   measure(on) {
     this.measuring = on;
+    if (on && !this.view) [this.held, this.view] = [true, { ...this.shown }];
+    if (!on && this.held) [this.held, this.view] = [false, null];
     this.points = [];
     this.canvas.classList.toggle("measuring", on);
     this.onMeasured(on ? "tap the first point" : "");
