@@ -94,7 +94,7 @@ class _Search:
         poor = [wish.place in c.poor for c in self._views.covered]
         by_right = poor == [False, True]
         places = (wish.place,) if wish.place else PLACES
-        edges = (wish.edge,) if wish.edge else SIDES
+        edges = (wish.edge,) if wish.edge or wish.words == DISTANCE else SIDES
         for place, edge, size in itertools.product(places, edges, SIZES):
             pose = self._held(place, edge, size, by_right)
             if pose is None:

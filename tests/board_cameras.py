@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -24,17 +25,25 @@ def jpeg(image: np.ndarray) -> bytes:
 
 @contextmanager
 def board_cameras(
-    views: Sequence[StereoPair], shots: Path, rig_file: Path, fps: int = 20
+    views: Sequence[StereoPair],
+    shots: Path,
+    rig_file: Path,
+    begin: threading.Event | None = None,
+    fps: int = 20,
 ) -> Iterator[list[tuple[bytes, bytes]]]:
-    """Serve the views one after the other, the next one as soon as `shots` holds a pair more; and
-    write a rig file that names the cameras. Yields what is sent.
+    """Serve the views one after the other, the next one as soon as `shots` holds a pair more, so
+    that the same pairs are taken however busy the machine is; and write a rig file that names the
+    cameras. Yields what is sent.
 
-    However busy the machine is: the same pairs are taken.
+    begin: until it is set nobody stands there.
     """
     sent = [(jpeg(view.left), jpeg(view.right)) for view in views]
+    nobody = jpeg(np.full_like(views[0].left, 120))
     period = round(1e9 / fps)
 
     def held(number: int) -> tuple[bytes, bytes]:
+        if begin is not None and not begin.is_set():
+            return nobody, nobody
         taken = sum(1 for _ in (shots / "left").glob("*"))
         return sent[min(taken, len(sent) - 1)]
 

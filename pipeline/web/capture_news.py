@@ -9,6 +9,7 @@ verdict     of the calibration
 
 from __future__ import annotations
 
+import secrets
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -40,6 +41,7 @@ class CaptureNews:
         self._state = state
         self._rig_file = rig_file
         self._folder = folder
+        self._id = secrets.token_hex(4)  # a page that finds another capture begins anew
         self._sent: dict[str, Any] = {}
         self._thumbnails: list[bytes] = []
 
@@ -55,6 +57,7 @@ class CaptureNews:
         state = self._state
         board = state.views.board
         values = {
+            "id": self._id,
             "name": self._rig_file.name,
             "board": f"{board.name}, {board.square * 1e3:g} mm",
             "folder": str(self._folder),

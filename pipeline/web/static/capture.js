@@ -7,6 +7,7 @@ import { watch } from "./connection.js";
 import { CoverageView } from "./coverage_view.js";
 
 const TOLD_MS = 1200; // that "Taken" stays
+const LONG_MS = 20000; // at one outline
 const FEWEST = 3; // views that can be calibrated with
 const PHASES = { connecting: "waiting for the cameras", taking: "live", solving: "calibrating",
   solved: "done", ended: "ended" };
@@ -17,7 +18,7 @@ const isMirrored = () => element("mirror").getAttribute("aria-pressed") === "tru
 const left = new BoardView(element("left"), isMirrored), right = new BoardView(element("right"), isMirrored);
 const maps = ["left-map", "right-map"].map((id) => new CoverageView(element(id), isMirrored));
 let line = "lost", capture = { phase: "connecting" }, views = { kept: 0, wishes: ["?"], ghost: null };
-let verdict = null, shownKept = null, toldUntil = 0;
+let verdict = null, shownKept = null, toldUntil = 0, askedAt = performance.now();
 
 function made(name, text) {
   const node = document.createElement(name);
@@ -43,6 +44,7 @@ async function showPair(values, blob) {
   right.show(second, beside ? 1 : null, floats(inRight), null);
   showGood("still", values.moved);
   showGood("sharp", values.blur);
+  element("hint").hidden = capture.phase !== "taking" || performance.now() < askedAt + LONG_MS;
   if (capture.phase !== "taking" || performance.now() < toldUntil) return;
   say(...became(values.why, left.fits));
 }
@@ -62,6 +64,7 @@ function say(words, kind) {
 
 async function showViews(values, blob) {
   views = values;
+  askedAt = performance.now();
   left.ghost = views.ghost;
   const both = await inflated(blob), size = views.width * views.height;
   maps.forEach((map, i) => map.show(both.subarray(i * size, (i + 1) * size), views.width, views.height,
@@ -102,6 +105,7 @@ function showAsked() {
 }
 
 function showCapture(values) {
+  if (capture.id && capture.id !== values.id) return location.reload(); // another one
   capture = values;
   element("name").textContent = `${capture.name}, ${capture.board}`;
   element("folder").textContent = capture.folder;
