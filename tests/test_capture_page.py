@@ -27,6 +27,7 @@ from pipeline.web.capture_page import CapturePage
 from pipeline.web.capture_state import CaptureState
 from pipeline.web.hub import RefusedError
 from pipeline.web.messages import Message
+from pipeline.web.server import WebServer
 from stereo.camera import CapturedPair, Frame
 from stereo.pair import StereoPair
 from stereo.stereo_camera import StereoCamera
@@ -214,6 +215,40 @@ def covered(page: Any) -> int:
     return int(page.inner_text("#left-share").split()[0])
 
 
+WORDS = """async () => {
+  const { asked, became } = await import("/static/capture_words.js");
+  const ghost = { place: "upper left", edge: "right", words: "" };
+  return [asked(ghost, ["?"], false), asked(ghost, ["?"], true), asked(null, [], true),
+    asked({ place: "top", edge: "", words: "farther away" }, ["?"], true),
+    became("hold it still", true)[0], became("no board in the right image", false)[0]];
+}"""
+FITS = """async (moved) => {
+  const { BoardView } = await import("/static/board_view.js");
+  const view = new BoardView(document.getElementById("left"), () => true);
+  const outline = [[0.2, 0.2], [0.5, 0.25], [0.5, 0.6], [0.2, 0.7]];
+  view.ghost = { outline, lines: [], edge: "left" };
+  view.outline = outline.toReversed().map(([u, v]) => [u + moved, v]);  // held upside down
+  return view.fits;
+}"""
+
+
+def test_the_words_are_those_of_a_mirror_and_the_outline_tells_what_fits(tmp_path, tab):
+    page, complaints = tab
+    with WebServer(CapturePage(CaptureState(BOARD), Path("x"), tmp_path), None, 0, print) as server:
+        page.goto(server.url)
+        assert page.evaluate(WORDS) == [
+            "Hold it in the upper left, its right edge nearer",
+            "Hold it in the upper right, its left edge nearer",
+            "Enough: put the board down",
+            "Hold it at the top, farther away",
+            "That is the place: hold it still",
+            "The right camera does not see the board",
+        ]
+        assert page.evaluate(FITS, 0.02)
+        assert not page.evaluate(FITS, 0.1)
+        assert complaints == []
+
+
 def told(page: CapturePage) -> dict[str, Message]:
     return {message.topic: message for message in page.news()}
 
@@ -229,7 +264,7 @@ def test_what_is_told_of_a_capture_that_fails(tmp_path):
             page.command(name, "")
     camera = cast(StereoCamera, SimpleNamespace(newest=None))
     state.begins(camera)
-    assert list(told(page)) == ["capture"]
+    assert [*told(page)] == ["capture"]
     image = jpeg(np.full((48, 64), 90, np.uint8))
     camera.newest = CapturedPair(Frame(1, image), Frame(1, image[:200]))
     assert told(page) == {}

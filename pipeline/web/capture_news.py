@@ -1,8 +1,8 @@
 """CaptureNews: what changed while pairs of a board are taken, as messages to the page.
 
 capture     name, board, phase, images looked at, how it ended
-pair        both images as JPEG, the corners found in them, how still and sharp the board is
 views       where boards were, as a picture, and what is missing; where to hold it next
+pair        both images as JPEG, the corners found in them, how still and sharp the board is
 thumbnails  of the left images that were kept
 verdict     of the calibration
 """
@@ -48,8 +48,8 @@ class CaptureNews:
     def __iter__(self) -> Iterator[Message]:
         """What changed since the last time."""
         yield from self._capture()
+        yield from self._views()  # before the pair: whether it is held as asked is seen there
         yield from self._pair()
-        yield from self._views()
         yield from self._kept()
         yield from self._verdict()
 
@@ -68,6 +68,27 @@ class CaptureNews:
         if self._sent.get("capture") != values:
             self._sent["capture"] = values
             yield Message("capture", values)
+
+    def _views(self) -> Iterator[Message]:
+        views = self._state.views
+        if views.size is None or not self._is_new("views", views):
+            return
+        masks = [c.covered for c in views.covered] or [np.zeros((1, 1), bool)] * 2
+        height, width = masks[0].shape
+        values = {
+            "kept": len(views.kept),
+            "enough": ENOUGH_PAIRS,
+            "size": views.size,
+            "width": width,
+            "height": height,
+            "shares": [c.share for c in views.covered] or [0.0, 0.0],
+            "enough_share": ENOUGH_COVERAGE,
+            "lacking": views.lacking,
+            "distances": views.bars["distance"] == 1.0,
+            "wishes": [str(wish) for wish in views.wishes],
+            "ghost": pictures.as_values(find_ghost(views), views.size),
+        }
+        yield Message("views", values, packed(np.array(masks, np.uint8)))
 
     def _pair(self) -> Iterator[Message]:
         state = self._state
@@ -97,27 +118,6 @@ class CaptureNews:
             "blur": _over(look.blur, SHARP),
             "outline": pictures.outline_of(look.seen[0], views.board, views.size),
         }
-
-    def _views(self) -> Iterator[Message]:
-        views = self._state.views
-        if views.size is None or not self._is_new("views", views):
-            return
-        masks = [c.covered for c in views.covered] or [np.zeros((1, 1), bool)] * 2
-        height, width = masks[0].shape
-        values = {
-            "kept": len(views.kept),
-            "enough": ENOUGH_PAIRS,
-            "size": views.size,
-            "width": width,
-            "height": height,
-            "shares": [c.share for c in views.covered] or [0.0, 0.0],
-            "enough_share": ENOUGH_COVERAGE,
-            "lacking": views.lacking,
-            "distances": views.bars["distance"] == 1.0,
-            "wishes": [str(wish) for wish in views.wishes],
-            "ghost": pictures.as_values(find_ghost(views), views.size),
-        }
-        yield Message("views", values, packed(np.array(masks, np.uint8)))
 
     def _kept(self) -> Iterator[Message]:
         known = len(self._thumbnails)

@@ -133,7 +133,7 @@ function showVerdict(values) {
   element("also").replaceChildren(...also.map((step) => made("li", step)));
   element("facts").replaceChildren(...verdict.facts.flatMap(([name, value]) => [made("dt", name), made("dd", value)]));
   element("written").textContent = `Written: ${verdict.rig_file} and ${verdict.report}`;
-  element("taking").hidden = true;
+  element("taking").hidden = element("mirror").hidden = true;
   element("solved").hidden = false;
   scrollTo(0, 0);
 }

@@ -23,7 +23,9 @@ export function asked(ghost, wishes, mirrored) {
 /** What became of the latest pair, [words, how they look]; fits: the board is held as asked. */
 export function became(why, fits) {
   if (why === "kept") return ["Taken", "kept"];
-  if (why === "hold it still") return [fits ? "That is the place: hold it still" : "Hold it still", "hold"];
+  if (why === "hold it still") {
+    return fits ? ["That is the place: hold it still", "hold"] : ["Move it to the outline and hold it still", ""];
+  }
   if (why === "seen already") return ["Move it to the outline", ""];
   if (why.startsWith("blurred")) return ["Blurred: hold it still, in good light", "hold"];
   if (why === "no board in the left and the right image") return ["Neither camera sees the board", "gone"];
