@@ -15,7 +15,7 @@ demo: $(VENV)/installed
 	@echo "The map: demo-map/map.png"
 
 test: $(VENV)/installed-dev
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto --dist loadfile
 
 check: $(VENV)/installed-dev
 	$(BIN)/ruff check

@@ -7,10 +7,12 @@ import sys
 import click
 
 from pipeline.commands.lazy import LazyGroup
+from pipeline.errors import for_user, one_line
 
 # name -> (module:function in pipeline.commands, what it does).
 COMMANDS = {
     "map": ("map:map_command", "Map a recording or a scan log: map and path out."),
+    "batch": ("batch:batch_command", "Map many recordings, on all cores or a cluster."),
     "live": ("live:live_command", "Map while the robot drives."),
     "replay": ("replay:replay_command", "Watch a recording being mapped, in the browser."),
     "doctor": ("doctor:doctor_command", "Look whether everything is ready for a live run."),
@@ -29,9 +31,6 @@ COMMANDS = {
     "settings": ("settings:settings_command", "List all settings: default, unit, meaning."),
 }
 
-# An error class of one of these packages is a message to the user; any other error is a bug.
-OURS = {"calibration", "stereo", "odometry", "mapping", "pipeline", "simulation"}
-
 
 @click.group(
     cls=LazyGroup, table=COMMANDS, context_settings={"help_option_names": ["-h", "--help"]}
@@ -48,10 +47,6 @@ def cli() -> None:
     """
 
 
-def _one_line(message: str) -> str:
-    return " ".join(message.split())
-
-
 def main() -> None:
     """Entry point of `beemap`: user errors are one line on stderr and exit code 2."""
     try:
@@ -62,24 +57,16 @@ def main() -> None:
     except click.ClickException as error:
         context = getattr(error, "ctx", None)
         remedy = f" (see '{context.command_path} --help')" if context else ""
-        click.echo(f"beemap: {_one_line(error.format_message()).rstrip('.')}{remedy}", err=True)
+        click.echo(f"beemap: {one_line(error.format_message()).rstrip('.')}{remedy}", err=True)
         code = error.exit_code
     except (click.Abort, KeyboardInterrupt):
         click.echo("beemap: interrupted", err=True)
         code = 130
-    except MemoryError:
-        click.echo("beemap: out of memory: give larger mapping.cell, fewer particles", err=True)
-        code = 2
-    except OSError as error:
-        # A file that the system refuses is the user's to mend; without a name it is a bug.
-        if error.filename is None:
-            raise
-        click.echo(f"beemap: {error.filename}: {error.strerror}", err=True)
-        code = 2
     except Exception as error:
-        if type(error).__module__.partition(".")[0] not in OURS:
+        message = for_user(error)
+        if message is None:
             raise
-        click.echo(f"beemap: {_one_line(str(error))}", err=True)
+        click.echo(f"beemap: {message}", err=True)
         code = 2
     sys.exit(code or 0)
 

@@ -30,6 +30,10 @@ HALF = 0.5
 SELDOM = 0.02
 ANSWERED_WELL = 0.6
 
+# Ends of lines that ask for nothing, though they say what was looked for.
+FINE = (": healthy", ": good")
+NOT_USED = "could not be used"
+
 # Cameras whose images differ more in brightness are not set alike; what they see differs less.
 UNEQUAL = 1.5
 REMEDIES = {
@@ -133,7 +137,7 @@ def image_lines(skipped: Mapping[str, Sequence[str]], brightness: Sequence[float
         if reason in REMEDIES:
             lines.append(f"{reason} in {_pairs(names)} (e.g. {names[0]}): {REMEDIES[reason]}")
         elif reason == UNREADABLE:
-            lines.append(f"{_pairs(names)} could not be used, e.g. {names[0]}")
+            lines.append(f"{_pairs(names)} {NOT_USED}, e.g. {names[0]}")
     ratio = float(np.median(brightness)) if len(brightness) else 1.0
     if max(ratio, 1.0 / ratio) > UNEQUAL:
         side, times = ("left", ratio) if ratio > 1.0 else ("right", 1.0 / ratio)
@@ -261,6 +265,13 @@ def odometry_lines(
     elif not encoders:
         lines[-1] += ": calibrate the robot's odometry, or doubt it more (odometry.heading, .along)"
     return lines
+
+
+def complaints(lines: Sequence[str]) -> list[str]:
+    """Those of a run's health lines that ask for something."""
+    return [
+        line for line in lines if (": " in line and not line.endswith(FINE)) or NOT_USED in line
+    ]
 
 
 def _pairs(names: Sequence[str]) -> str:

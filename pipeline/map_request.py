@@ -143,11 +143,24 @@ class MapRequest(msgspec.Struct, frozen=True):
         """Whether what computes the observations is not what it was."""
         return self.versions != {name: version(name) for name in self.versions}
 
+    def facts(self, job: Job, settings: Settings, threads: int) -> dict[str, Any]:
+        """What run.json says of a run of the job with these settings."""
+        return {
+            "input": self.input,
+            **job.facts(),
+            "seed": self.seed,
+            "request": self.complete(settings).told(),
+            "notes": job.notes,
+            "threads": threads,
+            "recording": job.skipped,
+        }
+
     @property
     def _files(self) -> list[str]:
         """Files beside the input that decide the result."""
         files = [self.rig, self.ticks.file if self.ticks else None]
         files.append(self.begin.map if self.begin else None)
+        files.append((self.motion or "").partition(":")[2] or None)
         return [str(_content(Path(file))) for file in files if file is not None]
 
     def _refuse_for_logs(self, path: Path) -> None:

@@ -25,6 +25,21 @@ LOOKING = ("visual", "fused")
 KNOWN = "encoders, odometry, poses, poses:FILE.tum, visual, fused"
 
 
+def check_choice(choice: str) -> None:
+    """Refuse what `--motion` cannot name. Raises InputError."""
+    kind, _, file = choice.partition(":")
+    plain = ("encoders", "odometry", "poses", *LOOKING)
+    if choice not in plain and not (kind == "poses" and file):
+        raise InputError(f"--motion {choice}: unknown (known: {KNOWN})")
+
+
+def absolute_choice(choice: str) -> str:
+    """The choice with the path of its file made absolute. Raises InputError when it is none."""
+    check_choice(choice)
+    kind, _, file = choice.partition(":")
+    return f"{kind}:{Path(file).resolve()}" if file else choice
+
+
 def usual_motion(recording: Recording) -> tuple[str, list[str]]:
     """What a recording is mapped with unless the user chooses; and notes that he must hear."""
     if recording.ticks is not None:
@@ -77,8 +92,9 @@ def choose_motion(
     Raises:
         InputError: an unknown choice, or one that the recording does not hold.
     """
-    kind, colon, file = choice.partition(":")
-    if kind == "encoders" and not colon:
+    check_choice(choice)
+    kind, _, file = choice.partition(":")
+    if kind == "encoders":
         return _encoders(recording, rig, settings)
     if choice == "odometry":
         if recording.odometry is None:
@@ -89,14 +105,12 @@ def choose_motion(
     if kind == "poses" and file:
         poses = read_tum(Path(file))
         return PoseOdometry(poses.stamps, poses.poses, settings, seed)
-    if choice == "poses":
-        if recording.poses is None:
-            raise InputError(
-                f"{recording.path}: holds no poses: give --motion poses:FILE.tum"
-                + (" or --motion encoders" if recording.ticks else "")
-            )
-        return PoseOdometry(recording.poses.stamps, recording.poses.poses, settings, seed)
-    raise InputError(f"--motion {choice}: unknown (known: {KNOWN})")
+    if recording.poses is None:
+        raise InputError(
+            f"{recording.path}: holds no poses: give --motion poses:FILE.tum"
+            + (" or --motion encoders" if recording.ticks else "")
+        )
+    return PoseOdometry(recording.poses.stamps, recording.poses.poses, settings, seed)
 
 
 def _encoders(recording: Recording, rig: StereoRig, settings: OdometrySettings) -> EncoderOdometry:

@@ -9,8 +9,8 @@ from contextlib import contextmanager
 @contextmanager
 def progress_bar(
     title: str, unit: str, quiet: bool = False
-) -> Iterator[Callable[[int, int], None]]:
-    """Yield progress(done, total)."""
+) -> Iterator[Callable[[float, int], None]]:
+    """Yield progress(done, total); what is half done counts half."""
     if quiet:
         yield lambda done, total: None
         return
@@ -33,7 +33,7 @@ def progress_bar(
     with Progress(*columns, console=Console(stderr=True), refresh_per_second=4) as bar:
         task = bar.add_task(title, total=None, rate="")
 
-        def progress(done: int, total: int) -> None:
+        def progress(done: float, total: int) -> None:
             speed = bar.tasks[task].speed
             bar.update(task, completed=done, total=total, rate=_rate(speed, unit))
 

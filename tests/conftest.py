@@ -10,13 +10,16 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from click.testing import CliRunner
 from hypothesis import settings
 
-from pipeline.cli import main
+from pipeline.cli import cli, main
+from tests.batch_runs import cut
 from tests.browsers import chromium
 
 OFFICE = Path(__file__).parent.parent / "data" / "office"
 PAIRS = 40
+QUICK = ("--set", "mapping.particles=20", "--quiet")  # of `office_run`
 
 # The first example of a test may load OpenCV or compile a kernel.
 settings.register_profile("beemap", deadline=None)
@@ -53,6 +56,26 @@ def office_piece(tmp_path_factory) -> Path:
         (target / "data.csv").write_text("\n".join([header, *early]) + "\n")
     shutil.copy(OFFICE / "mav0" / "odom0" / "sensor.yaml", piece / "mav0" / "odom0")
     return piece
+
+
+@pytest.fixture(scope="session")
+def office_run(office_piece, tmp_path_factory) -> Path:
+    """The result folder of that piece, with few particles; not to be changed."""
+    run = tmp_path_factory.mktemp("run") / "run"
+    done = CliRunner().invoke(cli, ["map", str(office_piece), "-o", str(run), *QUICK])
+    assert done.exit_code == 0, done
+    return run
+
+
+@pytest.fixture(scope="session")
+def recordings(office_piece, tmp_path_factory) -> Path:
+    """A folder of three: two short pieces of the office and one without images."""
+    folder = tmp_path_factory.mktemp("recordings")
+    cut(office_piece, folder / "kitchen", 0, 13)
+    cut(office_piece, folder / "hall", 13, 27)
+    (folder / "broken" / "mav0" / "cam0").mkdir(parents=True)
+    (folder / "notes.txt").write_text("not to be mapped\n")
+    return folder
 
 
 @pytest.fixture

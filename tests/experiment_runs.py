@@ -12,6 +12,7 @@ import numpy as np
 from pipeline.experiments.options import Options
 from pipeline.experiments.presets import HIERARCHICAL, PAPER
 from pipeline.experiments.spec import Result, RunSpec
+from pipeline.tasks.runner import Workers
 
 WORLD = """
 beemap_world: 1
@@ -36,7 +37,7 @@ def tiny_world(folder: Path, wall: int = 5) -> Path:
 
 def options(folder: Path, world: str | Path, seeds: int = 1, *settings: str) -> Options:
     """Quiet, one process."""
-    return Options(folder, seeds, 1, 1, str(world), settings=settings, quiet=True)
+    return Options(folder, seeds, 1, Workers(1), str(world), settings=settings, quiet=True)
 
 
 def spec(world: Path, seed: int = 1, *settings: str, **simulated) -> RunSpec:

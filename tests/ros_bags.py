@@ -5,9 +5,11 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import yaml
 from rosbags.rosbag1 import Writer as Writer1
@@ -17,6 +19,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 CONTAINERS = ("ros1", "sqlite3", "mcap")
 TICKS_PER_REVOLUTION = 2000
+SIZE = (320, 240)
 TF = "tf2_msgs/msg/TFMessage"
 
 Message = tuple[str, str, int, Any]  # topic, type, time ns, content
@@ -66,12 +69,8 @@ def write_bag(path: Path, container: str, messages: Callable[[Types], Iterator[M
     return path
 
 
-def office_messages(recording: Path, **changes: Any) -> Callable[[Types], Iterator[Message]]:
-    """All that a robot with the recording's cameras and wheels would have published.
-
-    changes: `namespace` before the topics of the cameras.
-    """
-    namespace = changes.get("namespace", "/stereo")
+def office_messages(recording: Path) -> Callable[[Types], Iterator[Message]]:
+    """All that a robot with the recording's cameras and wheels would have published."""
 
     def messages(types: Types) -> Iterator[Message]:
         found: list[Message] = [*_static(recording, types)]
@@ -79,13 +78,13 @@ def office_messages(recording: Path, **changes: Any) -> Callable[[Types], Iterat
             for stamp, file in _rows(recording / "mav0" / camera / "data.csv"):
                 data = (recording / "mav0" / camera / "data" / file).read_bytes()
                 image = compressed(types, int(stamp), f"{side}_optical", data)
-                topic = f"{namespace}/{side}/image_raw/compressed"
+                topic = f"/stereo/{side}/image_raw/compressed"
                 # The right image comes later, as over a network; its header says when it was taken.
                 late = 3_000_000 if side == "right" else 1_000_000
                 kind = "sensor_msgs/msg/CompressedImage"
                 found.append((topic, kind, int(stamp) + late, image))
                 info = camera_info(types, recording, side, int(stamp))
-                topic = f"{namespace}/{side}/camera_info"
+                topic = f"/stereo/{side}/camera_info"
                 kind = "sensor_msgs/msg/CameraInfo"
                 found.append((topic, kind, int(stamp) + late, info))
         found += _wheels(recording, types)
@@ -104,23 +103,26 @@ def compressed(types: Types, stamp: int, frame: str, data: bytes, told: str = "j
     )
 
 
-def camera_info(types: Types, recording: Path, side: str, stamp: int) -> Any:
-    """The calibration as `cv2.stereoRectify` and ROS have it, made here anew."""
-    import cv2
-
+@cache
+def stereo_rectified(recording: Path) -> dict[str, tuple[np.ndarray, ...]]:
+    """K, D, R, P of each side, as `cv2.stereoRectify` and ROS have them, made here anew."""
     sheets = [_sheet(recording, camera) for camera in ("cam0", "cam1")]
     (K1, D1, A), (K2, D2, B) = sheets
     pose = np.linalg.inv(B) @ A  # left camera to right camera
-    width, height = 320, 240
     R1, R2, P1, P2 = cv2.stereoRectify(
-        K1, D1, K2, D2, (width, height), pose[:3, :3], pose[:3, 3], flags=1024, alpha=0
+        K1, D1, K2, D2, SIZE, pose[:3, :3], pose[:3, 3], flags=cv2.CALIB_ZERO_DISPARITY, alpha=0
     )[:4]
-    K, D, R, P = (K1, D1, R1, P1) if side == "left" else (K2, D2, R2, P2)
+    return {"left": (K1, D1, R1, P1), "right": (K2, D2, R2, P2)}
+
+
+def camera_info(types: Types, recording: Path, side: str, stamp: int) -> Any:
+    """The calibration of one camera."""
+    K, D, R, P = stereo_rectified(recording)[side]
     return types(
         "sensor_msgs/CameraInfo",
         header=types.header(stamp, f"{side}_optical"),
-        width=width,
-        height=height,
+        width=SIZE[0],
+        height=SIZE[1],
         distortion_model="plumb_bob",
         d=np.append(D, 0.0),
         k=K.ravel(),

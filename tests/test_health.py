@@ -11,16 +11,20 @@ from mapping.mapper import HierarchicalMapper
 from mapping.particle_filter import FilterHealth
 from mapping.settings import MappingSettings
 from odometry.motion import compose, inverse
+from pipeline.frontend import UNREADABLE
 from pipeline.health import (
     OdometryErrors,
     agreement_lines,
     answers_line,
+    complaints,
     health_lines,
+    image_lines,
     matching_line,
     odometry_errors,
     odometry_lines,
     particles_line,
 )
+from stereo.pair_check import BLACK
 
 
 def step(
@@ -196,3 +200,22 @@ def test_how_far_odometry_and_path_part_is_told_in_the_median():
     assert line.startswith("odometry and matched path part by 3")
     assert " mm and 0.0 deg in 1 m (median of 10 stretches)" in line
     assert agreement_lines(odometry[:40], path[:40]) == []
+
+
+def test_what_asks_for_something_is_told_from_what_does_not():
+    well = [
+        particles_line([step()], 100),
+        matching_line([step()]),
+        answers_line([step()], "columns"),
+        "odometry and matched path part by 3 mm and 0.0 deg in 1 m (median of 10 stretches)",
+    ]
+    ill = [
+        particles_line([step(1)], 100),
+        matching_line([step(matched=0.1)]),
+        matching_line([step(judged=0)]),
+        answers_line([step(answered=0.1)], "beams"),
+        *odometry_lines(OdometryErrors(np.array([0.05, 0.0, 0.0]), np.full(3, 1e-4)), True),
+        *image_lines({BLACK: ["1.png"], UNREADABLE: ["2.png", "3.png"]}, [2.0]),
+    ]
+    assert len(ill) == 8
+    assert complaints([*well, *ill]) == ill

@@ -22,6 +22,16 @@ from pipeline.web.server import WebServer
 from tests.browsers import CANVAS, PHONE
 from tests.conftest import OFFICE
 
+# A process of its own, that can be killed.
+SERVER = """
+import threading
+from pipeline.web.run_page import RunPage
+from pipeline.web.server import WebServer
+with WebServer(RunPage("first", None, threading.Event()), None, 0, print) as server:
+    print(server.url, flush=True)
+    threading.Event().wait()
+"""
+
 
 class Run(threading.Thread):
     """A replay in this process, whose page is `page`."""
@@ -99,17 +109,15 @@ def measured(page: Any, pixels: int) -> float:
     return float(found[1])
 
 
-def test_a_killed_server_is_noticed_and_found_again(office_piece, tab):
+def test_a_killed_server_is_noticed_and_found_again(tab):
     page, complaints = tab
-    words = ("replay", office_piece, "--web", "--port", 0, "--set", "mapping.particles=20")
-    process = subprocess.Popen(
-        [sys.executable, "-m", "pipeline.cli", *map(str, words)], stderr=subprocess.PIPE, text=True
-    )
-    assert process.stderr is not None
-    address = next(m for line in process.stderr if (m := re.match(r"page: (\S+:(\d+)/)", line)))
+    process = subprocess.Popen([sys.executable, "-c", SERVER], stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    address = re.fullmatch(r"(\S+:(\d+)/)\n", process.stdout.readline())
+    assert address is not None
     try:
         page.goto(address[1])
-        page.locator("#line", has_text="live").wait_for()
+        page.locator("#name", has_text="first").wait_for()
     finally:
         process.kill()
         process.wait()

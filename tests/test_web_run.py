@@ -27,7 +27,7 @@ from pipeline.recordings.base import PairFiles
 from pipeline.run import make_ranger
 from pipeline.settings import load_settings
 from pipeline.trajectory import read_tum
-from pipeline.web import hub, run_pictures, server
+from pipeline.web import encoding, hub, run_pictures, server
 from pipeline.web.run_page import LONGEST_NAME, RunPage
 from stereo.camera import CapturedPair, Frame
 from stereo.scan import RangeScan
@@ -47,6 +47,7 @@ class Client(threading.Thread):
         self.started = threading.Event()
         self.answers: list[dict] = []
         self.onlooker: Onlooker | None = None
+        monkeypatch.setattr(hub, "RATE", 15.0)
         enter = server.WebServer.__enter__
 
         def entered(web: server.WebServer) -> server.WebServer:
@@ -78,7 +79,7 @@ def test_a_replay_shows_the_run_and_ends_as_the_run(office_piece, tmp_path, beem
     mapped = beemap("map", office_piece, "-o", tmp_path / "run", *FEW, "--seed", 3, "--quiet")
     assert mapped.code == 0, mapped.err
     client = Client(monkeypatch)
-    again = ("replay", tmp_path / "run", "-o", tmp_path / "again", "--speed", 20)
+    again = ("replay", tmp_path / "run", "-o", tmp_path / "again", "--speed", 30)
     replayed = beemap(*again, "--web", "--port", 0)
     client.join()
     assert replayed.code == 0, replayed.err
@@ -126,7 +127,7 @@ def test_a_scan_log_is_replayed_without_pictures(tmp_path, beemap, monkeypatch):
     log, driven = tmp_path / "room.log", drive()
     log.write_text("".join(driven.flaser(i) + "\n" for i in range(len(driven.stamps))))
     client = Client(monkeypatch)
-    outcome = beemap("replay", log, "--web", "--port", 0, "--speed", 25, *FEW)
+    outcome = beemap("replay", log, "--web", "--port", 0, "--speed", 50, *FEW)
     client.join()
     assert outcome.code == 0, outcome.err
     assert client.onlooker is not None
@@ -266,7 +267,7 @@ def test_images_go_out_as_they_came_or_small(tmp_path):
         assert sent is not None
         small = cv2.imdecode(np.frombuffer(sent[0], np.uint8), cv2.IMREAD_UNCHANGED)
         assert small is not None
-        assert small.shape[1] == run_pictures.WIDE
+        assert small.shape[1] == encoding.WIDE
     file = tmp_path / "left.png"
     cv2.imwrite(str(file), noise[:24, :32])
     sent = run_pictures.left_image(PairFiles(1, file, file))

@@ -32,8 +32,10 @@ def serving(page: Counter | None = None, host: str | None = None) -> Iterator[We
 
 @pytest.fixture(autouse=True)
 def often(monkeypatch) -> None:
-    """News come more often than to people."""
+    """News come more often than to people, and less patience is had."""
     monkeypatch.setattr(hub, "RATE", 20.0)
+    monkeypatch.setattr(hub, "FAREWELL", 0.1)
+    monkeypatch.setattr(connections, "LOOK_EVERY", 0.1)
 
 
 @pytest.fixture(scope="module")
@@ -138,7 +140,6 @@ def test_who_never_reads_is_cut_off_and_frees_the_place(monkeypatch):
     monkeypatch.setattr(hub, "SLOW", 0.2)
     monkeypatch.setattr(connections, "MOST", 3)
     monkeypatch.setattr(connections, "LEAVING", 0.1)
-    monkeypatch.setattr(connections, "LOOK_EVERY", 0.1)
     with serving(Counter(b"x" * (6 << 20))) as running, ExitStack() as stack:
         for _ in range(connections.MOST):
             stack.enter_context(bare_viewer(running.url))
@@ -279,6 +280,9 @@ def test_pages_load_nothing_from_elsewhere(running):
         assert "default-src 'none'" in policy
         assert "unsafe" not in policy
         assert "frame-ancestors 'none'" in policy
+        assert f"connect-src 'self' ws://{urlsplit(running.url).netloc};" in policy
+    by_number = get(running.url, Host="[::1]:80").headers["Content-Security-Policy"]
+    assert "connect-src 'self';" in by_number  # it has no form for such addresses
     assert get(running.url, "/static/nothing.js").status == 404
     assert get(running.url, "/static/..%2fserver.py").status == 404
 

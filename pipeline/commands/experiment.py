@@ -25,6 +25,8 @@ SIMULATED = {
 OFFICE = "A recording mapped from its images by both methods (Fig. 11)."
 # Of these the time counts: runs beside each other would disturb it.
 TIMED = ("particles", "cost")
+# Of these there is but one run.
+SINGLE = ("localmaps",)
 
 
 @click.group()
@@ -70,23 +72,37 @@ def _shared(command: Callable[..., None]) -> Callable[..., None]:
     return command
 
 
-def _simulated(name: str, meaning: str) -> click.Command:
-    jobs_help = "Runs at once. By default " + (
-        "1: the time counts." if name in TIMED else "as many as there are cores."
+def _workers(usual: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """The options that say who does the runs; usual: how many at once."""
+    jobs = click.option(
+        "--jobs",
+        type=click.IntRange(min=1),
+        metavar="J",
+        help=f"Runs at once. By default {usual}; with --scheduler as many as it has workers.",
     )
+    scheduler = click.option(
+        "--scheduler",
+        metavar="tcp://HOST:PORT",
+        help="Run on the workers of this Dask scheduler (extra 'cluster').",
+    )
+    return lambda command: jobs(scheduler(command))
+
+
+def _simulated(name: str, meaning: str) -> click.Command:
+    timed = name in TIMED
 
     @click.command(name, help=meaning, short_help=meaning)
     @_shared
-    @click.option("--jobs", type=click.IntRange(min=1), metavar="J", help=jobs_help)
     @click.option("--world", default="flat", show_default=True, metavar="NAME|FILE")
     @click.option("--route", type=click.Path(), metavar="FILE", help="By default the world's own.")
-    def command(jobs: int | None, **chosen: Any) -> None:
+    def command(**chosen: Any) -> None:
         others = [s for s in chosen["settings"] if not s.strip().startswith("mapping.")]
         if others:
             raise InputError(f"--set {others[0]}: only mapping.* decides a simulated run")
-        cores = 1 if name in TIMED else os.cpu_count() or 1
-        _run(name, jobs=jobs or cores, **chosen)
+        _run(name, usual=1 if timed else None, **chosen)
 
+    if name not in SINGLE:
+        _workers("1: the time counts" if timed else "as many as there are cores")(command)
     return command
 
 
@@ -97,11 +113,12 @@ for _name, _meaning in SIMULATED.items():
 @experiment.command(short_help=OFFICE)
 @click.argument("recording", type=click.Path(path_type=Path))
 @_shared
+@_workers("1")
 def office(recording: Path, **chosen: Any) -> None:
     """RECORDING, as data/office, mapped from its images by both methods (Fig. 11)."""
     if not recording.is_dir():
         raise InputError(f"{recording}: no such folder: give a recording, as data/office")
-    _run("office", recording, jobs=1, world=str(recording), route=None, **chosen)
+    _run("office", recording, usual=1, world=str(recording), route=None, **chosen)
 
 
 def _run(
@@ -111,16 +128,24 @@ def _run(
     seeds: int | None,
     force: bool,
     quiet: bool,
-    jobs: int,
+    usual: int | None,
+    jobs: int | None = None,
+    scheduler: str | None = None,
     **chosen: Any,
 ) -> None:
-    """Run an experiment; exit code 1 when some of its runs failed, 130 after Ctrl-C."""
-    from pipeline.experiments.batch import InterruptedBatchError, open_folder
+    """Run an experiment; exit code 1 when some of its runs failed, 130 after Ctrl-C.
+
+    usual: runs at once on this machine, unless the user chooses.
+    """
+    from pipeline.experiments.batch import InterruptedBatchError
     from pipeline.experiments.options import Options
+    from pipeline.tasks.folder import open_folder
+    from pipeline.tasks.runner import Workers
 
     module = importlib.import_module(f"pipeline.experiments.{name}")
-    options = Options(output, seeds=seeds or module.SEEDS, jobs=jobs, quiet=quiet, **chosen)
-    open_folder(output, name, force)
+    workers = Workers(jobs or (None if scheduler else usual), scheduler)
+    options = Options(output, seeds=seeds or module.SEEDS, workers=workers, quiet=quiet, **chosen)
+    open_folder(output, "experiment", name, force)
     try:
         batch = module.run(options, *arguments)
     except InterruptedBatchError as interrupted:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections import Counter
 
     from pipeline.ros.bags import BagReader
-    from pipeline.ros.import_bag import Plan
+    from pipeline.ros.import_plan import Plan
     from pipeline.ros.topics import Chosen, Named
 
 METRES = click.FloatRange(min=0, min_open=True)
@@ -76,7 +76,7 @@ def import_command(
     need("ros", "import")
     from pipeline.folders import check_target
     from pipeline.ros.bags import BagReader
-    from pipeline.ros.import_bag import Asked, plan
+    from pipeline.ros.import_plan import Asked, plan
     from pipeline.ros.topics import Named, choose
 
     if output is None and not list_only:

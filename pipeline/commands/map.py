@@ -163,15 +163,7 @@ def _map(
     with _in_place(output) if inside else new_folder(output, force) as folder:
         run = _run(job, quiet, open3d, checkpoint)
         open3d.wait()
-        facts = {
-            "input": request.input,
-            **job.facts(),
-            "seed": request.seed,
-            "request": request.complete(settings).told(),
-            "notes": job.notes,
-            "threads": threads,
-            "recording": job.skipped,
-        }
+        facts = request.facts(job, settings, threads)
         run.seconds["total"] = time.perf_counter() - begin
         from pipeline.results import write_results
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 import threading
 from contextlib import ExitStack
 from pathlib import Path
@@ -103,7 +104,7 @@ def _serve(
         stream = stack.enter_context(new_recording(run))
         stream.connect_grpc(served.sink, default_blueprint=layout(run))
         click.echo(f"{served.page}  (Ctrl-C ends it)")
-        if not no_browser:
+        if not no_browser and _has_screen():
             webbrowser.open(served.page)
         _show(stream, run, job, stop, quiet)
         stream.flush()
@@ -131,3 +132,9 @@ def _show(
             f"note: made again, the path is up to {apart:.3f} m from the one in {run.path}",
             err=True,
         )
+
+
+def _has_screen() -> bool:
+    """Without one a browser for terminals might be found, which can show nothing of it."""
+    told = ("DISPLAY", "WAYLAND_DISPLAY")
+    return sys.platform in ("darwin", "win32") or any(os.environ.get(name) for name in told)

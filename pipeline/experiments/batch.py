@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import csv
 import io
-import shutil
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
@@ -18,11 +17,11 @@ from typing import Any
 
 import msgspec
 
-from pipeline.errors import InputError
 from pipeline.experiments.spec import Result, RunSpec
-from pipeline.experiments.workers import Failure, run_tasks
 from pipeline.new_files import new_files
 from pipeline.progress import progress_bar
+from pipeline.tasks.runner import Workers, task_runner
+from pipeline.tasks.task import Failure
 
 ROWS = "rows.csv"
 # What a run was; `mapping`: all settings of the mapper in one text.
@@ -72,33 +71,11 @@ class InterruptedBatchError(Exception):
         self.done, self.total = done, total
 
 
-def open_folder(folder: Path, name: str, force: bool) -> None:
-    """Make the folder of experiment `name`, or open it to go on; `force` starts it over.
-
-    Raises:
-        InputError: it holds something else than this experiment.
-    """
-    mark = folder / "experiment.txt"
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder}: is a file, not a folder: choose another name")
-    if folder.is_dir() and any(folder.iterdir()):
-        held = mark.read_text(encoding="utf-8").strip() if mark.is_file() else None
-        if held != name:
-            what = f"experiment {held}" if held else "other things than an experiment"
-            raise InputError(f"{folder}: holds {what}: choose another folder")
-        if force:
-            (folder / ROWS).unlink(missing_ok=True)
-            for run in folder.glob("*/run.json"):
-                shutil.rmtree(run.parent)
-    folder.mkdir(parents=True, exist_ok=True)
-    mark.write_text(f"{name}\n", encoding="utf-8")
-
-
 def run_batch(
     plan: Sequence[RunSpec],
     folder: Path,
     work: Callable[[tuple[RunSpec, Path]], Result],
-    jobs: int,
+    workers: Workers,
     quiet: bool = False,
 ) -> Batch:
     """Do all runs of the plan that `folder` does not hold yet.
@@ -106,6 +83,7 @@ def run_batch(
     Runs that differ in name only are done once.
 
     Raises:
+        InputError: the workers of a cluster are not fit for it, or were lost.
         InterruptedBatchError: Ctrl-C; what was done is kept.
     """
     wanted: dict[str, RunSpec] = {}
@@ -119,16 +97,20 @@ def run_batch(
     # Also mends a last line that was cut short: the next one must not be joined to it.
     _rewrite(file, list(lines.values()))
 
-    missing = [(spec, folder) for key, spec in wanted.items() if key not in done]
+    missing = [
+        (_anywhere(spec), folder.resolve()) for key, spec in wanted.items() if key not in done
+    ]
     threads = max((spec.threads for spec, _ in missing), default=1)
     try:
         with (
+            task_runner(workers, _files(folder, missing)) as run_tasks,
             progress_bar("runs", "runs", quiet) as progress,
             file.open("a", encoding="utf-8", newline="") as rows,
-            closing(run_tasks(missing, work, jobs, threads)) as results,
+            closing(run_tasks(missing, work, threads)) as results,
         ):
             progress(len(done), len(wanted))
-            for (spec, _), result in results:
+            for (sent, _), result in results:
+                spec = wanted[sent.key]
                 if isinstance(result, Failure):
                     batch.failures.append(f"{spec}: {result.reason}")
                 else:
@@ -143,6 +125,22 @@ def run_batch(
     _rewrite(file, [lines[key] for key in (*wanted, *foreign) if key in lines])
     batch.runs = [Run(spec, done[spec.key]) for spec in plan if spec.key in done]
     return batch
+
+
+def _anywhere(spec: RunSpec) -> RunSpec:
+    """The run with paths that hold in any working directory; its key stays the same."""
+    paths = {
+        name: str(Path(value).resolve())
+        for name in ("world", "route")
+        if (value := getattr(spec, name)) is not None and Path(value).is_file()
+    }
+    return msgspec.structs.replace(spec, **paths)
+
+
+def _files(folder: Path, tasks: Sequence[tuple[RunSpec, Path]]) -> list[Path]:
+    """What a worker must see to do the tasks."""
+    named = {Path(name) for spec, _ in tasks for name in (spec.world, spec.route) if name}
+    return [folder.resolve(), *sorted(file for file in named if file.is_file())]
 
 
 def _notes(reused: int, damaged: int, foreign: int) -> list[str]:

@@ -82,7 +82,7 @@ def plan(options: Options) -> list[RunSpec]:
 
 def run(options: Options) -> Batch:
     """Do the runs, draw `cost.png`, write `table.md`."""
-    batch = run_batch(plan(options), options.folder, measure, options.jobs, options.quiet)
+    batch = run_batch(plan(options), options.folder, measure, options.workers, options.quiet)
     groups = grouped(
         batch.runs,
         lambda spec: (spec.varied, spec.preset, spec.method, spec.mapping.particles),

@@ -45,7 +45,7 @@ def plan(options: Options) -> list[RunSpec]:
 
 def run(options: Options) -> Batch:
     """Do the runs, draw `maps-<preset>-<false depth>-<seed>.png`, write `table.md`."""
-    batch = run_batch(plan(options), options.folder, measure, options.jobs, options.quiet)
+    batch = run_batch(plan(options), options.folder, measure, options.workers, options.quiet)
     pictures = grouped(batch.runs, lambda spec: (spec.preset, spec.false_depth, spec.seed))
     for (preset, false_depth, seed), runs in pictures.items():
         N = runs[0].spec.mapping.particles

@@ -1,36 +1,36 @@
 """Fig. 11: a recording mapped from its images by both methods, side by side.
 
-Each map is made by `beemap map` as a process of its own: its folder tells all about it, and the
-same command makes it again.
+Each map is made as by `beemap map`: its folder tells all about it, and the same command makes it
+again.
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
-import subprocess
-import sys
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from pipeline.batch.map_task import MapTask, map_into
 from pipeline.evaluate_path import align, evaluate_path, match
 from pipeline.experiments import style
-from pipeline.experiments.batch import Batch
+from pipeline.experiments.batch import Batch, InterruptedBatchError
 from pipeline.experiments.options import Options
 from pipeline.experiments.presets import HIERARCHICAL, METHOD_NAMES, PREVIOUS
 from pipeline.experiments.report import markdown_table, number_of, write_table
 from pipeline.experiments.scores import best_score, frames
-from pipeline.experiments.spec import source_digest
 from pipeline.map_files import read_map
+from pipeline.map_request import MapRequest
 from pipeline.progress import progress_bar
+from pipeline.tasks.folder import claimed
+from pipeline.tasks.runner import task_runner
+from pipeline.tasks.task import Failure
 from pipeline.trajectory import read_tum
 
 SEEDS = 1
-# The source that decides what `beemap map` makes of a recording.
-DECIDING = ("calibration/*.py", "stereo/*.py", "odometry/*.py", "mapping/*.py", "pipeline/*.py")
 # One supporting pixel is enough: the paper's plain nearest depth of a column.
 NEAREST = ("stereo.support=1",)
 HEADER = ("map", "seed", "ATE [m]", "dead reckoning [m]", "E", "E cut", "F1", "mapping [s]")
@@ -63,25 +63,16 @@ VARIANTS = (
 
 def run(options: Options, recording: Path) -> Batch:
     """Map, draw `office-<seed>.png`, write `table.md`."""
-    batch = Batch()
-    tasks = [(variant, seed) for seed in options.seed_range() for variant in VARIANTS]
-    with progress_bar("maps", "maps", options.quiet) as progress:
-        for done, (variant, seed) in enumerate(tasks):
-            progress(done, len(tasks))
-            failure = _map(options, recording, variant, seed)
-            if failure:
-                batch.failures.append(f"{variant.name}, seed {seed}: {failure}")
-        progress(len(tasks), len(tasks))
+    batch, mapped = _map(options, recording)
     lines = []
     for seed in options.seed_range():
-        places = {v: _place(options, recording, v, seed) for v in VARIANTS}
-        found = {variant: folder for variant, folder in places.items() if _is_whole(folder)}
+        found = {v: mapped[v, seed] for v in VARIANTS if (v, seed) in mapped}
         scores = {variant: _scores(folder, recording) for variant, folder in found.items()}
         lines += [[variant.name, str(seed), *numbers] for variant, numbers in scores.items()]
         title = f"{recording.name}, mapped from its images, seed {seed}; blue: the path"
         _draw(found, scores, title, options.folder / f"office-{seed}.png")
     text = (
-        "Made by `beemap map`, each with the settings in its folder's settings.yaml; E and F1 "
+        "Made as by `beemap map`, each with the settings in its folder's settings.yaml; E and F1 "
         "against `truth/seen.yaml` of the recording where it has one; mapping: seconds of both "
         "stages together, without the stereo.\n\n" + markdown_table(HEADER, lines)
     )
@@ -90,43 +81,45 @@ def run(options: Options, recording: Path) -> Batch:
     return batch
 
 
-def _place(options: Options, recording: Path, variant: Variant, seed: int) -> Path:
-    """Its folder; the name tells all that decides the map, so that no other passes for it."""
-    decides = [str(recording.resolve()), *variant.settings, *options.settings]
-    digest = hashlib.sha256("\n".join([*decides, source_digest(DECIDING)]).encode()).hexdigest()
-    return options.folder / f"{variant.folder}-{seed}-{digest[:8]}"
+def _map(options: Options, recording: Path) -> tuple[Batch, dict[tuple[Variant, int], Path]]:
+    """Make the maps that are not there; which failed and why, and the folders of the others.
 
-
-def _map(options: Options, recording: Path, variant: Variant, seed: int) -> str:
-    """Make the map unless it is there; why it failed, if it did."""
-    folder = _place(options, recording, variant, seed)
-    if _is_whole(folder):
-        return ""
-    settings = (*variant.settings, *options.settings)
-    command = [sys.executable, "-m", "pipeline.cli", "map", str(recording), "-o", str(folder)]
-    command += ["--seed", str(seed), "--force", "--quiet"]
-    command += [part for value in settings for part in ("--set", value)]
-    process = subprocess.Popen(
-        command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
-    )
+    Raises:
+        InterruptedBatchError: Ctrl-C; what was done is kept.
+    """
+    batch, mapped = Batch(), {}
+    wanted = {
+        options.folder.resolve() / f"{variant.folder}-{seed}": (variant, seed)
+        for seed in options.seed_range()
+        for variant in VARIANTS
+    }
     try:
-        _, said = process.communicate()
+        with claimed(options.folder) as claim:
+            tasks = [
+                MapTask(
+                    MapRequest(str(recording.resolve()), seed=seed),
+                    folder,
+                    claim,
+                    overrides=(*variant.settings, *options.settings),
+                )
+                for folder, (variant, seed) in wanted.items()
+            ]
+            with (
+                task_runner(options.workers, [claim, recording.resolve()]) as run_tasks,
+                progress_bar("maps", "maps", options.quiet) as progress,
+                closing(run_tasks(tasks, map_into)) as results,
+            ):
+                progress(0, len(tasks))
+                for task, result in results:
+                    variant, seed = wanted[task.output]
+                    if isinstance(result, Failure):
+                        batch.failures.append(f"{variant.name}, seed {seed}: {result.reason}")
+                    else:
+                        mapped[variant, seed] = task.output
+                    progress(len(mapped) + len(batch.failures), len(tasks))
     except KeyboardInterrupt:
-        # It was told as well, and ends with what it has: no whole map.
-        process.wait()
-        raise
-    if process.returncode == 0:
-        return ""
-    return (said.strip().splitlines() or [f"ended with code {process.returncode}"])[-1]
-
-
-def _is_whole(folder: Path) -> bool:
-    """Whether a map is there that was not interrupted."""
-    try:
-        summary = json.loads((folder / "run.json").read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        return False
-    return not summary["partial"]
+        raise InterruptedBatchError(len(mapped), len(wanted)) from None
+    return batch, mapped
 
 
 def _scores(folder: Path, recording: Path) -> list[str]:

@@ -11,6 +11,7 @@ from mapping.settings import MappingSettings
 from pipeline.experiments.presets import ALPHA, Preset
 from pipeline.experiments.spec import RunSpec, place
 from pipeline.settings import load_settings
+from pipeline.tasks.runner import Workers
 from simulation.paper import PaperSettings, positions_on
 
 # The paper's; a shorter route is driven to its end.
@@ -20,12 +21,12 @@ POSITIONS, SPACING = PaperSettings.positions, PaperSettings.spacing
 @dataclass(frozen=True)
 class Options:
     """seeds: runs of each kind, from `first_seed` on; settings: `--set` values of the user, which
-    win over the presets'; jobs: processes at once."""
+    win over the presets'; workers: who does the runs."""
 
     folder: Path
     seeds: int
     first_seed: int
-    jobs: int
+    workers: Workers
     world: str
     route: str | None = None
     settings: tuple[str, ...] = ()

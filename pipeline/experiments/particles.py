@@ -36,7 +36,7 @@ def plan(options: Options) -> list[RunSpec]:
 
 def run(options: Options) -> Batch:
     """Do the runs, draw `particles-<preset>.png`, write `table.md`."""
-    batch = run_batch(plan(options), options.folder, measure, options.jobs, options.quiet)
+    batch = run_batch(plan(options), options.folder, measure, options.workers, options.quiet)
     parts = []
     for preset in (PAPER, OURS):
         groups = grouped(

@@ -48,7 +48,7 @@ def plan(options: Options) -> list[RunSpec]:
 
 def run(options: Options) -> Batch:
     """Do the runs, draw `quality-<preset>-<alpha|blocks>.png`, write `table.md`."""
-    batch = run_batch(plan(options), options.folder, measure, options.jobs, options.quiet)
+    batch = run_batch(plan(options), options.folder, measure, options.workers, options.quiet)
     groups = grouped(
         batch.runs,
         lambda spec: (spec.preset, spec.false_depth, spec.method, spec.alpha, spec.blocks),

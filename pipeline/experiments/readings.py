@@ -81,7 +81,7 @@ def plan(options: Options) -> list[RunSpec]:
 
 def run(options: Options) -> Batch:
     """Do the runs, draw `readings.png`, write `table.md`."""
-    batch = run_batch(plan(options), options.folder, measure, options.jobs, options.quiet)
+    batch = run_batch(plan(options), options.folder, measure, options.workers, options.quiet)
     groups = grouped(batch.runs, lambda spec: (spec.method, spec.varied))
     _draw(groups, options)
     parts = []

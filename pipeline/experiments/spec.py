@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import hashlib
 from functools import cache
-from pathlib import Path
 from typing import Literal
 
 import msgspec
 import numpy as np
 
 from mapping.settings import MappingSettings
+from pipeline.tasks.identity import source_digest
 from simulation.route import Route
 from simulation.world import World, load_route, load_world
 from simulation.world_sheet import WorldError
 
-ROOT = Path(__file__).parents[2]
 # What of the source decides a result: a row made by another mapper must not pass for this one's.
 DECIDING = (
     "mapping/*.py",
@@ -128,16 +127,6 @@ def place(world: str, route: str | None) -> tuple[World, Route]:
     if loaded.route is None:
         raise WorldError(f"{world}: holds no route: give one with --route FILE")
     return loaded, loaded.route
-
-
-@cache
-def source_digest(patterns: tuple[str, ...]) -> str:
-    """Digest of beemap's source files under these names."""
-    digest = hashlib.sha256()
-    for pattern in patterns:
-        for file in sorted(ROOT.glob(pattern)):
-            digest.update(file.relative_to(ROOT).as_posix().encode() + file.read_bytes())
-    return digest.hexdigest()
 
 
 @cache

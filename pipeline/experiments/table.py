@@ -128,7 +128,7 @@ def plan(options: Options) -> list[RunSpec]:
 
 def run(options: Options) -> Batch:
     """Do the runs, draw `consistency.png` and `path-error.png`, write `table.md`."""
-    batch = run_batch(plan(options), options.folder, measure, options.jobs, options.quiet)
+    batch = run_batch(plan(options), options.folder, measure, options.workers, options.quiet)
     groups = grouped(batch.runs, lambda spec: spec.varied)
     parts = []
     for case in CASES:

@@ -6,6 +6,7 @@ memory.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -20,8 +21,14 @@ from pipeline.ros.unclosed import Raw, Unreadable, scan, version_of
 # After a damaged stretch of a bag is read on from so much later [ns], twice as much each time.
 FIRST_LEAP = 10_000_000
 STORAGES = ("*.mcap", "*.db3", "*.bag")
+BAGS = "give a .bag, a .mcap, a .db3, or the folder of a ROS 2 bag"
+MEND = (
+    "\"sqlite3 BAG.db3 .dump | sed 's/^ROLLBACK.*/COMMIT;/' | sqlite3 mended.db3\" may save what "
+    "is in it"
+)
 DAMAGED = "damaged message"
 STRETCH = "damaged stretch of the bag"
+LOST = "messages that the bag counts and does not hold"
 
 
 @dataclass(frozen=True)
@@ -39,6 +46,13 @@ class Message(NamedTuple):
     topic: str
     time: int
     content: Any
+
+
+class Lost(NamedTuple):
+    """Messages of a topic that the index of a bag counts and that were not found."""
+
+    topic: str
+    count: int
 
 
 class BagReader:
@@ -93,6 +107,9 @@ class BagReader:
             if isinstance(raw, Unreadable):
                 self.skip(STRETCH, f"{source.path} at {raw.place}")
                 continue
+            if isinstance(raw, Lost):
+                self.skip(LOST, f"{raw.count} of {raw.topic}")
+                continue
             try:
                 message = Message(raw.topic, raw.time, read(raw.data, raw.type))
             except Exception:  # whatever damaged bytes do to a decoder
@@ -116,10 +133,9 @@ class BagReader:
                 return self._open_parts(path)
             unclosed = _Unclosed(path)
             if not unclosed.topics:
-                raise InputError(
-                    f"{path}: cannot be read as a bag ({error or type(error).__name__}): give a "
-                    ".bag, a .mcap, a .db3, or the folder of a ROS 2 bag"
-                ) from None
+                remedy = MEND if path.suffix == ".db3" else BAGS
+                why = str(error) or type(error).__name__
+                raise InputError(f"{path}: cannot be read as a bag ({why}): {remedy}") from None
             self.notes.append(f"{path}: was never closed: what is readable in it is taken")
             return [unclosed]
 
@@ -145,18 +161,27 @@ class _Indexed:
         self.version = 1 if path.suffix == ".bag" else 2
         self._reader: Any = Reader1(path) if self.version == 1 else Reader2(path)
         self._reader.open()
-        self.topics = [
-            Topic(c.topic, c.msgtype, c.msgcount)
-            for c in self._reader.connections
-            if c.topic and c.msgtype
-        ]
+        counts = Counter()  # several programs may tell one topic
+        for c in self._reader.connections:
+            counts[c.topic, c.msgtype] += c.msgcount
+        self.topics = [Topic(name, kind, count) for (name, kind), count in counts.items()]
 
     def close(self) -> None:
         with suppress(Exception):
             self._reader.close()
 
-    def raw(self, topics: set[str]) -> Iterator[Raw | Unreadable]:
+    def raw(self, topics: set[str]) -> Iterator[Raw | Unreadable | Lost]:
         """Messages by time; where the bag cannot be read it is gone on with a little later."""
+        found = Counter()
+        for raw in self._readable(topics):
+            if isinstance(raw, Raw):
+                found[raw.topic] += 1
+            yield raw
+        for topic in self.topics:
+            if topic.name in topics and found[topic.name] < topic.count:
+                yield Lost(topic.name, topic.count - found[topic.name])
+
+    def _readable(self, topics: set[str]) -> Iterator[Raw | Unreadable]:
         connections = [c for c in self._reader.connections if c.topic in topics]
         if not connections:
             return
@@ -180,11 +205,8 @@ class _Unclosed:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.version = version_of(path)
-        counts: dict[tuple[str, str], int] = {}
-        for raw in scan(path):
-            if isinstance(raw, Raw):
-                counts[raw.topic, raw.type] = counts.get((raw.topic, raw.type), 0) + 1
-        self.topics = [Topic(*kind, count) for kind, count in counts.items()]
+        counts = Counter((r.topic, r.type) for r in scan(path) if isinstance(r, Raw))
+        self.topics = [Topic(name, kind, count) for (name, kind), count in counts.items()]
 
     def close(self) -> None:
         """No file stays open."""

@@ -112,6 +112,8 @@ def _cameras(
     topics: Mapping[str, Topic], left: Topic | None, right: Topic | None, bag: str
 ) -> tuple[Topic, Topic]:
     if left is not None and right is not None:
+        if left == right:
+            raise InputError(f"--right {right.name}: is the left camera's topic: give the other")
         return left, right
     photos = {
         t.name: t

@@ -35,13 +35,12 @@ class Shown(Watcher):
         self._recording, self._run = recording, run
         self._again: MapRun | None = None
         self._depth: float | None = None  # of a disparity of one pixel [m]
-        self._count = 0  # local maps
         self._start = int(run.trajectory.stamps[0])
         truth = run.path / "truth.tum"
         self._truth = read_tum(truth) if truth.is_file() else None
         self._log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         self._log("world/robot/heading", entities.heading(), static=True)
-        self._maps = 0
+        self._maps = 0  # local maps shown
         self._every = max(1, math.ceil(int(run.facts.get("local_maps", 0)) / MAPS))
 
     def folder(self) -> None:
@@ -67,7 +66,8 @@ class Shown(Watcher):
         self, job: Job, progress: Callable[[int, int], None], interrupted: Interrupted
     ) -> float:
         """The run, made again; how far its path is from the one in the folder [m]."""
-        return self._finish(job.run(progress, interrupted, NOTHING, self))
+        run = job.run(progress, interrupted, NOTHING, self)
+        return 0.0 if run.partial else self._finish(run)
 
     def begins(self, run: MapRun, ranger: StereoRanger | None) -> None:
         """The run that is shown."""
@@ -80,8 +80,7 @@ class Shown(Watcher):
         self._log("world/robot", entities.robot(moment.pose))
         if moment.seen is not None:
             self._observed(moment.seen)
-        if moment.local_maps > self._count:
-            self._count = moment.local_maps
+        if moment.local_maps > self._maps:
             assert self._again is not None
             self._closed(self._again)
 
@@ -118,6 +117,8 @@ class Shown(Watcher):
         stamps = np.array(mapper.stamps, np.int64)
         path, kept = mapper.path(), self._run.trajectory
         self._at(int(stamps[-1]))
+        if len(mapper.filter.health) > self._maps:  # the rest of the run, which is a shorter one
+            self._closed(run)
         self._log("world/map", entities.grid_map(mapper.grid()))
         self._log("world/path", entities.path(path, entities.PATH))
         odometry = np.array(mapper.odometry).reshape(-1, 3)

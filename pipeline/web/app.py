@@ -112,9 +112,11 @@ class _Guard:
 def headers(host: str) -> dict[str, str]:
     """A page of ours loads and speaks to nothing but its own server, and stands in no frame.
 
-    host: as the Host header names it; older browsers do not count a WebSocket as 'self'.
+    host: as the Host header names it; older browsers do not count a WebSocket as 'self'. A policy
+    has no form for addresses of IPv6.
     """
-    connect = f"'self' ws://{host}" if host else "'none'"
+    named = host and not host.startswith("[")
+    connect = f"'self' ws://{host}" if named else "'self'"
     policy = (
         "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
         f"connect-src {connect}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"

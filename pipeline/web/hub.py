@@ -110,14 +110,14 @@ class Hub:
         self._tell = tell
         self._latest: dict[str, bytes] = {}
         self._watched = asyncio.Event()
-        self._failed = False
+        self._failed = self._finished = False
 
     async def run(self) -> None:
-        """Hand out news for ever."""
-        while True:
+        """Hand out news until `finish`."""
+        while not self._finished:
             await self._watched.wait()
             await asyncio.sleep(1.0 / RATE)
-            if any(viewer.ready for viewer in self.viewers):
+            if not self._finished and any(viewer.ready for viewer in self.viewers):
                 self.gather()
 
     def gather(self) -> None:
@@ -135,6 +135,7 @@ class Hub:
 
     async def finish(self, seconds: float) -> None:
         """Hand out the last news; return when all viewers have them, or after `seconds`."""
+        self._finished = True
         self.gather()
         for _ in range(round(seconds * 20)):
             if all(viewer.content for viewer in self.viewers):

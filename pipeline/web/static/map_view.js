@@ -256,8 +256,10 @@ export class MapView {
       context.fill();
       context.strokeStyle = css("--card");
       context.lineWidth = 4;
-      context.strokeText(place.name, u + 11, v);
-      context.fillText(place.name, u + 11, v);
+      const length = context.measureText(place.name).width + 11;
+      const begin = u + length < this.canvas.clientWidth ? u + 11 : u - length;
+      context.strokeText(place.name, begin, v);
+      context.fillText(place.name, begin, v);
     }
     context.textBaseline = "alphabetic";
   }

@@ -33,7 +33,9 @@ export class CameraView {
 
   tint(context, codes) {
     const { width, height } = this.canvas;
-    const corner = (i, end) => [this.edges[4 * i + end] * width, this.edges[4 * i + end + 1] * height];
+    // Whole pixels: neighbours would show a seam between them.
+    const corner = (i, end) =>
+      [Math.round(this.edges[4 * i + end] * width), this.edges[4 * i + end + 1] * height];
     if (this.edges.length !== 4 * (codes.length + 1)) return;
     codes.forEach((code, i) => {
       const [a, b, c, d] = [corner(i, 0), corner(i + 1, 0), corner(i + 1, 2), corner(i, 2)];
