@@ -7,6 +7,7 @@ The core knows nothing of what a page shows:
     connections.py  bounds on what may be connected
     access.py       who may look: token, Host, Origin
     app.py          the few addresses there are
+    encoding.py     images and arrays as few bytes
     server.py       a thread with all of this, on a free port
 
 To add a page, write an HTML file into `static/` that loads `page.css` and a module of its own,
