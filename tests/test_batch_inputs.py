@@ -127,7 +127,10 @@ def test_a_recording_keeps_the_name_it_has_in_the_folder(tmp_path):
         (["--set", "mapping.partcles=3"], "unknown key 'mapping.partcles'"),
         (["--settings", "none.yaml"], "none.yaml"),
         (["--rig", "none.yaml"], "none.yaml"),
-        (["--motion", "wings"], "--motion wings: unknown (known: encoders, poses, poses:FILE.tum"),
+        (
+            ["--motion", "wings"],
+            "--motion wings: unknown (known: encoders, odometry, poses, poses:FILE.tum",
+        ),
         (["--jobs", "0"], "0 is not in the range x>=1"),
         (["--scheduler", "here"], "--scheduler here: not an address: write it as tcp://host:8786"),
     ],
