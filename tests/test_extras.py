@@ -27,6 +27,18 @@ COMMANDS = {
     ("import", "drive.bag", "-o", "OUT"): "ros",
     ("replay", "data/office", "--web"): "web",
     ("live", "rig.yaml", "-o", "OUT", "--web"): "web",
+    (
+        "calibrate",
+        "capture",
+        "rig.yaml",
+        "-o",
+        "OUT",
+        "--board",
+        "x",
+        "--square",
+        "x",
+        "--web",
+    ): "web",
     ("batch", "data/office", "-o", "OUT", "--scheduler", "tcp://127.0.0.1:1"): "cluster",
     ("experiment", "table", "-o", "OUT", "--scheduler", "tcp://127.0.0.1:1"): "cluster",
 }
