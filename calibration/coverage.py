@@ -23,11 +23,13 @@ class Coverage:
     """Where the boards stood in one camera's images.
 
     boards: (9, 12) how many boards covered at least half of each cell of the image.
+    covered: (144, 192) whether any board did, as finely as it is drawn.
     corners: name of a region -> number of corners found in it.
     regions: name of a region -> share of its area that at least one board covered.
     """
 
     boards: np.ndarray
+    covered: np.ndarray
     corners: dict[str, int]
     regions: dict[str, float]
 
@@ -52,25 +54,36 @@ def coverage(image_size: tuple[int, int], corners: Sequence[np.ndarray]) -> Cove
         corners: per view the (n, 2) pixels of its corners, n >= 3.
     """
     rows, columns = CELLS
-    fine = np.array([columns * FINE, rows * FINE])
-    scale = fine / np.asarray(image_size)
-    covered = np.zeros((len(corners), fine[1], fine[0]), np.uint8)
-    for drawing, seen in zip(covered, corners, strict=True):
-        # Pixel centres are at integers, in the image and in the drawing.
-        hull = cv2.convexHull(((np.asarray(seen) + 0.5) * scale - 0.5).astype(np.float32))
-        cv2.fillConvexPoly(drawing, np.round(hull).astype(np.int32), 1)
-    filled = covered.reshape(len(corners), rows, FINE, columns, FINE).mean(axis=(2, 4))
-    any_board = covered.any(axis=0)
+    drawn = np.array([covered_by(image_size, seen) for seen in corners])
+    filled = drawn.reshape(len(corners), rows, FINE, columns, FINE).mean(axis=(2, 4))
+    covered = np.any(drawn, axis=0)
     everything = np.concatenate([np.asarray(seen) for seen in corners])
     return Coverage(
         boards=(filled >= 0.5).sum(axis=0),
+        covered=covered,
         corners=_corners_by_region(everything, image_size),
-        regions={
-            name: float(part.mean())
-            for names, band in zip(REGIONS, np.split(any_board, 3, axis=0), strict=True)
-            for name, part in zip(names, np.split(band, 3, axis=1), strict=True)
-        },
+        regions=region_shares(covered),
     )
+
+
+def covered_by(image_size: tuple[int, int], corners: np.ndarray) -> np.ndarray:
+    """Where a board with corners (n, 2) px covers an image: (144, 192) bool."""
+    rows, columns = CELLS
+    drawing = np.zeros((rows * FINE, columns * FINE), np.uint8)
+    scale = np.array(drawing.shape[::-1]) / np.asarray(image_size)
+    # Pixel centres are at integers, in the image and in the drawing.
+    hull = cv2.convexHull(((np.asarray(corners) + 0.5) * scale - 0.5).astype(np.float32))
+    cv2.fillConvexPoly(drawing, np.round(hull).astype(np.int32), 1)
+    return drawing.astype(bool)
+
+
+def region_shares(covered: np.ndarray) -> dict[str, float]:
+    """Name of a region -> share of its area that is covered (144, 192)."""
+    return {
+        name: float(part.mean())
+        for names, band in zip(REGIONS, np.split(covered, 3, axis=0), strict=True)
+        for name, part in zip(names, np.split(band, 3, axis=1), strict=True)
+    }
 
 
 def _by_share(region: tuple[str, float]) -> float:

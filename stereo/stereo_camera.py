@@ -45,10 +45,13 @@ class StereoCamera:
 
     A camera lost while running is connected again; one that cannot be opened at the start is an
     error.
+
+    newest: the last pair that came, whether it was read or not.
     """
 
     def __init__(self, settings: CameraSettings) -> None:
         self.settings = settings
+        self.newest: CapturedPair | None = None
         self._pairing = FramePairing(settings.skew_limit, settings.one_host)
         self._pairs: deque[CapturedPair] = deque()
         self._news = threading.Condition()
@@ -145,6 +148,7 @@ class StereoCamera:
                 self._count += 1
                 self._skews.append(pair.skew)
                 self._pairs.append(pair)
+                self.newest = pair
                 if len(self._pairs) > WAITING:
                     self._pairs.popleft()
                     self._late += 1

@@ -1,20 +1,21 @@
-"""What several test files share: a short piece of the shipped recording, and the command line."""
+"""What several test files share: a short piece of the shipped recording, a browser, commands."""
 
 from __future__ import annotations
 
 import shutil
-import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
 from click.testing import CliRunner
 from hypothesis import settings
 
 from pipeline.cli import cli, main
-from tests.batch_runs import batch_command, cut
+from tests.batch_runs import cut
+from tests.browsers import chromium
 
 OFFICE = Path(__file__).parent.parent / "data" / "office"
 PAIRS = 40
@@ -77,15 +78,6 @@ def recordings(office_piece, tmp_path_factory) -> Path:
     return folder
 
 
-@pytest.fixture(scope="session")
-def batch(recordings, tmp_path_factory) -> tuple[Path, Outcome]:
-    """The folder of the recordings mapped by two processes, and what the command said."""
-    folder = tmp_path_factory.mktemp("batch") / "out"
-    command = batch_command(recordings, "-o", folder, "--jobs", 2)
-    done = subprocess.run(command, capture_output=True, text=True)
-    return folder, Outcome(done.returncode, done.stdout, done.stderr)
-
-
 @pytest.fixture
 def office(office_piece, tmp_path) -> Path:
     """A copy of the piece that a test may damage."""
@@ -102,6 +94,24 @@ def one_thread():
     numba.set_num_threads(1)
     yield
     numba.set_num_threads(before)
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory) -> Iterator[Any]:
+    """Headless Chromium."""
+    with chromium(tmp_path_factory.mktemp("profile")) as context:
+        yield context
+
+
+@pytest.fixture
+def tab(browser) -> Iterator[tuple[Any, list[str]]]:
+    """A page in the browser, and what it complained about."""
+    complaints: list[str] = []
+    page = browser.new_page()
+    page.on("console", lambda m: complaints.append(m.text) if m.type == "error" else None)
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    yield page, complaints
+    page.close()
 
 
 @pytest.fixture

@@ -48,3 +48,11 @@ def telling(task: Task) -> int:
     time.sleep(0.6)
     place().tell(0.5)
     return task[0]
+
+
+def endless(task: Task) -> int:
+    """Beats and tells until it is ended."""
+    while True:
+        note(task, "beat")
+        place().tell(0.5)
+        time.sleep(0.05)

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from tests.batch_runs import QUICK, batch_command, results
+from tests.conftest import Outcome
 
 PAIRS = {"kitchen": 13, "hall": 27}
 
@@ -21,6 +22,15 @@ def lines(table: Path) -> dict[str, dict[str, str]]:
     """table.csv by the names of the results."""
     with table.open(newline="") as file:
         return {line["name"]: line for line in csv.DictReader(file)}
+
+
+@pytest.fixture(scope="module")
+def batch(recordings, tmp_path_factory) -> tuple[Path, Outcome]:
+    """The folder of the recordings mapped by two processes, and what the command said."""
+    folder = tmp_path_factory.mktemp("batch") / "out"
+    command = batch_command(recordings, "-o", folder, "--jobs", 2)
+    done = subprocess.run(command, capture_output=True, text=True)
+    return folder, Outcome(done.returncode, done.stdout, done.stderr)
 
 
 def test_each_recording_gets_a_result_and_one_that_fails_stops_no_other(recordings, batch):

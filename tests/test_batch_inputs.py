@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import json
+import shlex
 from pathlib import Path
 
+import click
 import pytest
 
 from pipeline.batch.inputs import find_recordings, named
+from pipeline.cli import cli
 from pipeline.errors import InputError
+from tests.test_structure import ROOT
 
 
 def recording(place: Path) -> Path:
@@ -123,7 +127,10 @@ def test_a_recording_keeps_the_name_it_has_in_the_folder(tmp_path):
         (["--set", "mapping.partcles=3"], "unknown key 'mapping.partcles'"),
         (["--settings", "none.yaml"], "none.yaml"),
         (["--rig", "none.yaml"], "none.yaml"),
-        (["--motion", "wings"], "--motion wings: unknown (known: encoders, poses, poses:FILE.tum"),
+        (
+            ["--motion", "wings"],
+            "--motion wings: unknown (known: encoders, odometry, poses, poses:FILE.tum",
+        ),
         (["--jobs", "0"], "0 is not in the range x>=1"),
         (["--scheduler", "here"], "--scheduler here: not an address: write it as tcp://host:8786"),
     ],
@@ -136,3 +143,17 @@ def test_a_folder_of_other_things_is_refused(refused, runs, tmp_path):
     line = refused("batch", runs / "a", "-o", runs, "--force")
     assert line.endswith(": holds other things than a batch: choose another folder")
     assert sorted(path.name for path in runs.iterdir())[0] == ".hidden"
+
+
+def test_the_commands_of_the_page_are_understood():
+    page = (ROOT / "docs" / "batch.md").read_text()
+    lines = [line for line in page.splitlines() if line.startswith("beemap ")]
+    assert len(lines) == 5
+    for line in lines:
+        command: click.Command | None = cli
+        _, *words = shlex.split(line)
+        while isinstance(command, click.Group):
+            name, *words = words
+            command = command.get_command(click.Context(command), name)
+        assert command is not None, line
+        command.make_context("beemap", words)

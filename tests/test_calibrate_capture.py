@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 import pytest
 
-from calibration.rig import load_rig
-from odometry.encoders import EncoderParameters
 from pipeline.board_capture import BoardCapture
-from simulation.virtual_cameras import VirtualCameras
-from simulation.virtual_drive import RecordedDrive, Timeline
 from stereo.pair import StereoPair
 from tests.calibration_views import (
     BOARD,
@@ -22,7 +17,6 @@ from tests.calibration_views import (
 )
 
 BLANK = np.full((240, 320), 120, np.uint8)
-WHEELS = EncoderParameters(2000.0, 0.075, 0.075, 0.3, 16)
 
 
 def pair(pose, blur: float = 0.6) -> StereoPair:
@@ -84,42 +78,6 @@ def test_one_place_alone_is_not_enough():
     assert watching.bars()["tilt"] < 1.0
 
 
-def test_pairs_are_taken_from_the_cameras_and_calibrated(views, tmp_path, beemap):
-    """Each view is shown for a while, as a person would."""
-
-    def jpeg(image: np.ndarray) -> bytes:
-        return cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 97])[1].tobytes()
-
-    jpegs = [(jpeg(view.left), jpeg(view.right)) for view in views]
-    stamps = np.array([n * 100_000_000 for n in range(5 * len(views))], np.int64)
-    ticks = np.zeros((2, 2), np.int64)
-    drive = RecordedDrive(stamps, lambda n: jpegs[n // 5], stamps[[0, -1]], ticks, WHEELS)
-    cameras = VirtualCameras(Timeline(drive, 1.0))
-    cameras.start()
-    rig = tmp_path / "rig.yaml"
-    rig.write_text(
-        f"beemap_rig: 1\ndevices: {{left: {cameras.address('left')}, "
-        f"right: {cameras.address('right')}, fps: 10}}\n"
-    )
-    try:
-        outcome = beemap(
-            "calibrate", "capture", rig, "-o", tmp_path / "shots", "--board", BOARD.name,
-            "--square", "25mm", "--pairs", "8",
-        )  # fmt: skip
-    finally:
-        cameras.stop()
-    assert outcome.code in (0, 3), outcome.err  # 3: eight pairs may be too few for a verdict
-    kept = sorted((tmp_path / "shots" / "left").iterdir())
-    assert len(kept) == 8
-    sent = {left for left, _ in jpegs}
-    assert {file.read_bytes() for file in kept} <= sent
-    found = load_rig(rig)
-    assert found.sections["devices"]["fps"] == 10
-    assert found.left.fx == pytest.approx(SMALL_RIG.left.fx, rel=0.05)
-    assert "| kept" in outcome.err
-    assert "now: " in outcome.err
-
-
 def test_a_folder_in_use_and_a_rig_without_cameras_are_refused(tmp_path, refused):
     board = ("--board", BOARD.name, "--square", "25mm")
     rig = tmp_path / "rig.yaml"
@@ -130,3 +88,14 @@ def test_a_folder_in_use_and_a_rig_without_cameras_are_refused(tmp_path, refused
         "calibrate", "capture", rig, "-o", tmp_path / "y", *board
     )
     assert "already exists" in refused("calibrate", "capture", rig, "-o", tmp_path, *board)
+    # What could not begin leaves nothing that is in the way.
+    assert "/dev/video70" in refused("calibrate", "capture", rig, "-o", tmp_path / "y", *board)
+
+
+def test_options_are_checked_before_anybody_holds_a_board(tmp_path, refused):
+    rig = tmp_path / "rig.yaml"
+    rig.write_text("beemap_rig: 1\ndevices: {left: /dev/video70, right: /dev/video71}\n")
+    words = ("calibrate", "capture", rig, "-o", tmp_path / "x", "--board", BOARD.name)
+    words += ("--square", "25mm")
+    assert "--port: belongs to --web" in refused(*words, "--port", "8000")
+    assert "--baseline '84'" in refused(*words, "--baseline", "84")

@@ -328,7 +328,10 @@ def test_no_ticks_where_encoders_are_asked_for(refused, office, tmp_path):
     line = refused("map", office, "-o", tmp_path / "run", "--motion", "fused")
     assert "holds no wheel ticks (odom0/data.csv) to fuse with: give --motion visual" in line
     line = refused("map", office, "-o", tmp_path / "run", "--motion", "telepathy")
-    assert "--motion telepathy: unknown (known: encoders, poses, poses:FILE.tum, visual" in line
+    assert (
+        "--motion telepathy: unknown (known: encoders, odometry, poses, poses:FILE.tum, visual"
+        in line
+    )
     shutil.rmtree(office / "mav0" / "state_groundtruth_estimate0")
     line = refused("map", office, "-o", tmp_path / "run", "--motion", "poses")
     assert "holds no poses: give --motion poses:FILE.tum" in line

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
+import time
 from typing import Any
 
 import pytest
@@ -14,6 +17,7 @@ from pipeline.tasks.folder import Watch, claimed
 from pipeline.tasks.runner import Workers, shares, task_runner
 from pipeline.tasks.task import Failure
 from tests.task_work import POISON, mortal, square, telling
+from tests.test_structure import ROOT
 
 
 def test_a_dead_process_s_task_is_done_again_and_one_that_kills_them_all_is_given_up(tmp_path):
@@ -65,6 +69,35 @@ def test_a_task_tells_how_far_it_is(tmp_path):
         results = run_tasks([(7, "")], telling, 1, lambda task, share: told.append((*task, share)))
         assert list(results) == [((7, ""), 7)]
     assert told == [(7, "", 0.25), (7, "", 0.5)]
+
+
+def test_processes_end_when_the_program_is_killed(tmp_path):
+    code = (
+        "from pipeline.tasks.runner import Workers, task_runner\n"
+        "from tests.task_work import endless\n"
+        "if __name__ == '__main__':\n"
+        "    with task_runner(Workers(1)) as run_tasks:\n"
+        f"        list(run_tasks([(1, {str(tmp_path)!r})], endless, 1))\n"
+    )
+    script = tmp_path / "script.py"
+    script.write_text(code)
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    process = subprocess.Popen([sys.executable, str(script)], cwd=ROOT, env=environment)
+
+    def beats() -> int:
+        return len(list(tmp_path.glob("beat-*")))
+
+    deadline = time.monotonic() + 30.0
+    while not beats():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    process.kill()
+    process.wait()
+    before = 0
+    while beats() > before:  # it beats twenty times a second
+        assert time.monotonic() < deadline
+        before = beats()
+        time.sleep(0.6)
 
 
 def test_signals_are_as_before_when_the_runner_is_closed():

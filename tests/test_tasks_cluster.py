@@ -65,15 +65,14 @@ def test_tasks_are_done_by_both_workers_one_at_a_time_each(dask, tmp_path):
     assert sorted(told) == [(7, 0.25), (7, 0.5), (8, 0.25), (8, 0.5)]
 
 
-def test_a_batch_on_the_cluster_gives_the_bytes_of_local_processes(
-    dask, recordings, batch, beemap, tmp_path
-):
+def test_a_batch_on_the_cluster_gives_the_bytes_of_beemap_map(dask, recordings, beemap, tmp_path):
     out = tmp_path / "out"
     words = (recordings / "kitchen", recordings / "hall", "-o", out, "--scheduler", dask.address)
     done = beemap("batch", *words, *QUICK)
     assert (done.code, done.out.splitlines()[0]) == (0, "2 recordings: 2 mapped"), done.err
     for name in ("kitchen", "hall"):
-        assert results(out / name) == results(batch[0] / name)
+        assert beemap("map", recordings / name, "-o", tmp_path / name, *QUICK).code == 0
+        assert results(out / name) == results(tmp_path / name)
     assert [entry.name for entry in out.glob(".*")] == []
 
 

@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 import re
-import shutil
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 pytest.importorskip("uvicorn", reason="the extra 'web' is not installed")
-pytest.importorskip("playwright", reason="playwright is not installed")
-
-from playwright import sync_api
 
 from pipeline.checkpoint import NOTHING
 from pipeline.live.map_saver import MapSaver
@@ -24,28 +19,8 @@ from pipeline.map_request import MapRequest
 from pipeline.replay import Paced, count
 from pipeline.web.run_page import RunPage
 from pipeline.web.server import WebServer
+from tests.browsers import CANVAS, PHONE
 from tests.conftest import OFFICE
-
-NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-CHROMIUM = next((path for name in NAMES if (path := shutil.which(name))), None)
-OPTIONS = (
-    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
-    "--disable-background-networking", "--disable-component-update", "--disable-sync",
-)  # fmt: skip
-PHONE = {"width": 360, "height": 740}
-# How much of a canvas has its commonest colour, and a sum of all that it shows.
-CANVAS = """(id) => {
-  const canvas = document.getElementById(id);
-  const data = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
-  let sum = 0;
-  const counts = new Map();
-  for (let i = 0; i < data.length; i += 4) {
-    const colour = data[i] * 65536 + data[i + 1] * 256 + data[i + 2];
-    sum = (31 * sum + colour) % 1000003;
-    counts.set(colour, (counts.get(colour) ?? 0) + 1);
-  }
-  return [4 * Math.max(...counts.values()) / data.length, sum];
-}"""
 
 # A process of its own, that can be killed.
 SERVER = """
@@ -56,36 +31,6 @@ with WebServer(RunPage("first", None, threading.Event()), None, 0, print) as ser
     print(server.url, flush=True)
     threading.Event().wait()
 """
-
-pytestmark = pytest.mark.skipif(
-    CHROMIUM is None, reason=f"no browser: none of {', '.join(NAMES)} is installed"
-)
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory) -> Iterator[Any]:
-    with sync_api.sync_playwright() as playwright:
-        context = playwright.chromium.launch_persistent_context(
-            tmp_path_factory.mktemp("profile"),
-            executable_path=CHROMIUM,
-            args=list(OPTIONS),
-            headless=True,
-            viewport={"width": 1100, "height": 800},
-        )
-        context.set_default_timeout(15_000)
-        yield context
-        context.close()
-
-
-@pytest.fixture
-def tab(browser) -> Iterator[tuple[Any, list[str]]]:
-    """A page, and what it complained about."""
-    complaints: list[str] = []
-    page = browser.new_page()
-    page.on("console", lambda m: complaints.append(m.text) if m.type == "error" else None)
-    page.on("pageerror", lambda error: complaints.append(str(error)))
-    yield page, complaints
-    page.close()
 
 
 class Run(threading.Thread):

@@ -27,7 +27,7 @@ from pipeline.recordings.base import PairFiles
 from pipeline.run import make_ranger
 from pipeline.settings import load_settings
 from pipeline.trajectory import read_tum
-from pipeline.web import hub, run_pictures, server
+from pipeline.web import encoding, hub, run_pictures, server
 from pipeline.web.run_page import LONGEST_NAME, RunPage
 from stereo.camera import CapturedPair, Frame
 from stereo.scan import RangeScan
@@ -267,7 +267,7 @@ def test_images_go_out_as_they_came_or_small(tmp_path):
         assert sent is not None
         small = cv2.imdecode(np.frombuffer(sent[0], np.uint8), cv2.IMREAD_UNCHANGED)
         assert small is not None
-        assert small.shape[1] == run_pictures.WIDE
+        assert small.shape[1] == encoding.WIDE
     file = tmp_path / "left.png"
     cv2.imwrite(str(file), noise[:24, :32])
     sent = run_pictures.left_image(PairFiles(1, file, file))

@@ -287,6 +287,21 @@ def test_pages_load_nothing_from_elsewhere(running):
     assert get(running.url, "/static/..%2fserver.py").status == 404
 
 
+def test_a_report_may_hold_its_styles_and_pictures_but_no_script():
+    page = Counter()
+    with serving(page) as running:
+        assert get(running.url, "/report").status == 404
+        page.html = b"<!DOCTYPE html><style>p { color: red }</style><p>fine"
+        answer = get(running.url, "/report")
+        assert answer.read() == page.html
+        policy = answer.headers["Content-Security-Policy"]
+        assert "default-src 'none'" in policy
+        assert "script" not in policy
+        assert "style-src 'unsafe-inline'; img-src data:" in policy
+        assert answer.headers["X-Content-Type-Options"] == "nosniff"
+        assert get(running.url, "/report", Host="evil.example").status == 403
+
+
 def test_a_port_that_is_taken_is_named_with_the_next_free_one(running, monkeypatch):
     with pytest.raises(InputError, match=rf"--port {running.port}: is taken: \d+ is free"):
         WebServer(Counter(), None, running.port, print)

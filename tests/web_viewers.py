@@ -23,6 +23,7 @@ class Counter:
     def __init__(self, blob: bytes = b"") -> None:
         self.asked = 0
         self.blob = blob
+        self.html: bytes | None = None
         self.orders: list[tuple[str, str]] = []
 
     def news(self) -> Iterable[Message]:
@@ -34,6 +35,9 @@ class Counter:
             raise RefusedError(f"cannot {name}")
         self.orders.append((name, value))
         return f"hello {value}"
+
+    def report(self) -> bytes | None:
+        return self.html
 
 
 @contextmanager

@@ -8,10 +8,10 @@ from pathlib import Path
 from rich.console import Console
 from rich.markup import escape
 
-from calibration.advice import NOTHING
 from calibration.calibrate import CalibrationResult
 from calibration.imagepairs import PairList
 from calibration.verdict import MEANING
+from pipeline.calibration_report.next_steps import next_steps
 from pipeline.calibration_report.tables import PAIR_COLUMNS, facts, pair_rows
 
 COLOURS = {"excellent": "green", "good": "green", "usable": "yellow", "redo": "red"}
@@ -44,9 +44,7 @@ def print_result(
     word = result.judgement.verdict
     rows = f"held-out rows {result.heldout.row_rms:.3f} px RMS"
     console.print(f"\nverdict: [bold {COLOURS[word]}]{word}[/], {rows}: {MEANING[word]}")
-    first, *others = result.advice
-    if first == NOTHING:
-        first = f"{first}: {_next_command(result, output)}"
+    first, *others = next_steps(result, output)
     console.print(f"next: {escape(first)}")
     for hint in others:
         console.print(f"also: {escape(hint)}")
@@ -59,9 +57,3 @@ def _aligned(rows: list[list[str]]) -> list[str]:
         "".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
         for row in rows
     ]
-
-
-def _next_command(result: CalibrationResult, output: Path) -> str:
-    if result.rig.mount is None:
-        return f"beemap calibrate mount RECORDING --rig {output}"
-    return f"beemap map RECORDING -o OUT --rig {output}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,6 +15,7 @@ from pipeline.errors import InputError
 from pipeline.progress import progress_bar
 
 if TYPE_CHECKING:
+    from calibration.board import Board
     from calibration.calibrate import CalibrationResult
     from calibration.imagepairs import PairList
     from pipeline.rig import Replaced
@@ -91,25 +93,65 @@ def cameras(
     0.15 px RMS, good below 0.3, usable below 0.5, else redo (exit code 3; results are written).
     """
     from calibration.board import parse_board, parse_length
-    from calibration.calibrate import calibrate_cameras
-    from calibration.detections_cache import default_cache_folder
-    from calibration.imagepairs import find_pairs
-    from calibration.rig import save_rig
-    from pipeline.rig import with_kept
 
-    board = parse_board(
+    parsed = parse_board(
         board_text,
         parse_length(square),
         parse_length(marker, "--marker") if marker else None,
         dictionary,
     )
     ruler = parse_length(baseline, "--baseline") if baseline else None
+    folder = None if no_report else report or report_beside(output)
+    result = calibrate_pairs(
+        left, right, parsed, ruler, output, folder,
+        lens=lens, force=force, as_json=as_json, quiet=quiet,
+    )  # fmt: skip
+    if result.judgement.verdict == "redo":
+        sys.exit(REDO_CODE)
+
+
+def report_beside(rig_file: Path) -> Path:
+    """The folder of the report on a rig file, where none is given."""
+    return rig_file.with_name(f"{rig_file.stem}-report")
+
+
+def calibrate_pairs(
+    left: str,
+    right: str | None,
+    board: Board,
+    ruler: float | None,
+    output: Path,
+    report: Path | None,
+    *,
+    lens: str = LENSES[0],
+    force: bool = False,
+    as_json: bool = False,
+    quiet: bool = False,
+    looked: Callable[[int, int], None] = lambda done, total: None,
+) -> CalibrationResult:
+    """Calibrate, write the rig file and the report, and tell what was found.
+
+    looked: told how many of the images were looked at.
+
+    Raises:
+        InputError, CalibrationError: in one line, what is wrong.
+    """
+    from calibration.calibrate import calibrate_cameras
+    from calibration.detections_cache import default_cache_folder
+    from calibration.imagepairs import find_pairs
+    from calibration.rig import save_rig
+    from pipeline.rig import with_kept
+
     replaced = _rig_to_replace(output, force)
-    folder = None if no_report else report or output.with_name(f"{output.stem}-report")
-    if folder is not None:
-        _check_report(folder, force)
+    if report is not None:
+        _check_report(report, force)
     found = find_pairs(left, right)
-    with progress_bar("finding the board", "images", quiet or as_json) as progress:
+    with progress_bar("finding the board", "images", quiet or as_json) as bar:
+
+        def progress(done: int, total: int) -> None:
+            bar(done, total)
+            looked(done, total)
+
         result = calibrate_cameras(
             found.pairs, board, lens, ruler, default_cache_folder(), progress
         )
@@ -121,10 +163,9 @@ def cameras(
         raise InputError(f"{output.parent}: cannot be made ({error.strerror})") from None
     save_rig(result.rig, output)
     _tell(result, found, output, kept, as_json, quiet)
-    if folder is not None:
-        _write_report(result, found, output, folder, quiet or as_json)
-    if result.judgement.verdict == "redo":
-        sys.exit(REDO_CODE)
+    if report is not None:
+        _write_report(result, found, output, report, quiet or as_json)
+    return result
 
 
 def _rig_to_replace(output: Path, force: bool) -> Replaced | None:

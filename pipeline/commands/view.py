@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 import threading
@@ -128,10 +129,10 @@ def _show(
     with progress_bar("showing", job.unit, quiet) as progress:
         apart = shown.again(job, progress, stop.is_set)
     if apart > SAME and not stop.is_set() and not quiet:
-        click.echo(
-            f"note: made again, the path is up to {apart:.3f} m from the one in {run.path}",
-            err=True,
-        )
+        other = "it is of other pairs than"
+        if math.isfinite(apart):
+            other = f"the path is up to {apart:.3f} m from"
+        click.echo(f"note: made again, {other} the one in {run.path}", err=True)
 
 
 def _has_screen() -> bool:

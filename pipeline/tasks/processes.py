@@ -116,13 +116,20 @@ class _Worker:
 
 def _serve(pipe: connection.Connection, work: Callable[[Any], Any], threads: int) -> None:
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+    def say(kind: str, value: Any) -> None:
+        try:
+            pipe.send((kind, value))
+        except BrokenPipeError:
+            # Whoever wanted it was killed: as if this process had been, too.
+            os._exit(1)
+
     while True:
         try:
             task = pipe.recv()
         except EOFError:
             return
-        where = Place(threads, lambda share: pipe.send(("told", share)))
-        pipe.send(("done", perform(work, task, where)))
+        say("done", perform(work, task, Place(threads, lambda share: say("told", share))))
 
 
 @contextmanager

@@ -7,6 +7,7 @@ The core knows nothing of what a page shows:
     connections.py  bounds on what may be connected
     access.py       who may look: token, Host, Origin
     app.py          the few addresses there are
+    encoding.py     images and arrays as few bytes
     server.py       a thread with all of this, on a free port
 
 To add a page, write an HTML file into `static/` that loads `page.css` and a module of its own,
@@ -21,11 +22,13 @@ members of `hub.Page`:
                                                               # only while somebody looks
         def command(self, name, value):
             raise RefusedError(f"a clock cannot {name}")
+        def report(self):
+            return None
 
     with WebServer(Clock(), host=None, port=None, tell=print) as server:
         print(server.url)
         ...
 
-`news` and `command` are called in the server's thread: what other threads hand over are references,
-put into attributes. `pipeline/commands/web_options.py` has the options of the command line.
+They are called in the server's thread: what other threads hand over are references, put into
+attributes. `pipeline/commands/web_options.py` has the options of the command line.
 """

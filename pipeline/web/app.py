@@ -1,4 +1,4 @@
-"""The addresses of a page: `/`, its files under `/static/`, and the WebSocket `/live`."""
+"""The addresses of a page: `/`, its files under `/static/`, the WebSocket `/live`, `/report`."""
 
 from __future__ import annotations
 
@@ -22,6 +22,11 @@ from pipeline.web.connections import Connections
 from pipeline.web.hub import POLICY_VIOLATION, Hub
 
 STATIC = Path(__file__).parent / "static"
+# A report holds its own styles and pictures, and no script.
+REPORT_POLICY = (
+    "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; "
+    "form-action 'none'; frame-ancestors 'none'"
+)
 
 
 def make_app(hub: Hub, access: Access, connections: Connections) -> Starlette:
@@ -44,6 +49,13 @@ def make_app(hub: Hub, access: Access, connections: Connections) -> Starlette:
             return PlainTextResponse("There is no such file.", 404)
         return Response(files[name], media_type=mimetypes.guess_type(name)[0])
 
+    async def report(request: Request) -> Response:
+        found = hub.page.report()
+        if found is None:
+            return PlainTextResponse("There is no report yet.", 404)
+        policy = {"Content-Security-Policy": REPORT_POLICY}
+        return Response(found, media_type="text/html", headers=policy)
+
     @asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
         tasks = [asyncio.create_task(work) for work in (hub.run(), connections.watch())]
@@ -57,6 +69,7 @@ def make_app(hub: Hub, access: Access, connections: Connections) -> Starlette:
         routes=[
             Route("/", index),
             Route("/static/{name}", static),
+            Route("/report", report),
             WebSocketRoute("/live", hub.serve),
         ],
         middleware=[Middleware(_Guard, access=access, connections=connections)],
@@ -88,7 +101,9 @@ class _Guard:
 
         async def send_strictly(message: Message) -> None:
             if message["type"] == "http.response.start":
-                MutableHeaders(scope=message).update(strict)
+                told = MutableHeaders(scope=message)
+                for name, value in strict.items():
+                    told.setdefault(name, value)
             await send(message)
 
         await answer(scope, receive, send_strictly)

@@ -32,7 +32,7 @@ class RefusedError(Exception):
 
 
 class Page(Protocol):
-    """What is shown. `news` and `command` are called in the server's thread and must be quick."""
+    """What is shown. Its methods are called in the server's thread and must be quick."""
 
     @property
     def index(self) -> str:
@@ -45,6 +45,10 @@ class Page(Protocol):
 
     def command(self, name: str, value: str) -> str:
         """Do what a viewer asks for; what to answer. Raises RefusedError."""
+        ...
+
+    def report(self) -> bytes | None:
+        """HTML that needs nothing beside it, served at `/report`; None: there is none."""
         ...
 
 

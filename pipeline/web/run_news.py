@@ -20,6 +20,7 @@ import numpy as np
 
 from mapping.grid import OccupancyGrid
 from pipeline.web import run_pictures as pictures
+from pipeline.web.encoding import packed
 from pipeline.web.messages import Message
 from pipeline.web.run_state import ENDED, RunState
 
@@ -96,7 +97,7 @@ class RunNews:
         camera = ranger.camera
         shape = camera.width / (camera.height * camera.rows_joined)
         values = {"width": width, "height": height, "shape": shape}
-        yield Message("depth", values, pictures.packed(codes))
+        yield Message("depth", values, packed(codes))
 
     def _local(self) -> Iterator[Message]:
         seen = self._state.seen
@@ -143,4 +144,4 @@ def _cells(topic: str, grid: OccupancyGrid, values: dict[str, Any]) -> Message:
     codes, cell = pictures.cells(grid)
     height, width = codes.shape
     values |= {"width": width, "height": height, "origin": list(grid.origin), "cell": cell}
-    return Message(topic, values, pictures.packed(codes))
+    return Message(topic, values, packed(codes))

@@ -44,6 +44,10 @@ class RunPage:
             raise RefusedError(f"cannot {name}")
         return self._commands[name](value)
 
+    def report(self) -> bytes | None:
+        """None: it is among the results."""
+        return None
+
     def _save(self, _value: str) -> str:
         if self._output is None:
             raise RefusedError("nothing is kept of this replay: give it -o OUT")

@@ -8,11 +8,9 @@ CERTAIN = probability 0 to 1, NOBODY_KNOWS = unknown.
 from __future__ import annotations
 
 import math
-import zlib
 from collections.abc import Sequence
 from typing import cast
 
-import cv2
 import numpy as np
 
 from calibration.rig import Mount, StereoRig
@@ -23,10 +21,10 @@ from mapping.settings import MappingSettings
 from odometry.motion import compose, inverse
 from pipeline.recordings.base import DamagedFrameError, Pair, PairFiles, RecordedPair
 from pipeline.seeing import LoadedPair
+from pipeline.web.encoding import camera_jpeg, jpeg
 from simulation.camera_rays import distort
 from stereo.camera import CapturedPair
 from stereo.disparity import SUBPIXEL
-from stereo.encoded import TAIL, is_cut_short
 from stereo.errors import StereoError
 from stereo.ranger import StereoFrame, StereoRanger
 from stereo.rectify import RectifiedCamera
@@ -35,23 +33,15 @@ from stereo.scan import RangeScan
 UNKNOWN, FAR, FREE = 0, 254, 255
 CERTAIN, NOBODY_KNOWS = 200, 255
 COLUMNS = 160  # of the tint
-# A camera's JPEG goes out as it came, unless it is larger than this [bytes].
-LARGE = 180_000
-WIDE, QUALITY = 640, 75  # [px] of images packed here
 MOST_CELLS = 1600  # of a map's longer side
 PATH_STEP, PATH_POINTS = 0.05, 3000  # m
-
-
-def packed(codes: np.ndarray) -> bytes:
-    """zlib, at its fastest."""
-    return zlib.compress(np.ascontiguousarray(codes).data, 1)
 
 
 def left_image(pair: Pair) -> tuple[bytes, bool] | None:
     """The left image as JPEG, and whether the right one stands beside it; None: it is damaged."""
     if isinstance(pair, LoadedPair):
         if not isinstance(pair.source, CapturedPair | PairFiles):
-            return None if pair.pair is None else (_jpeg(pair.pair.left), False)
+            return None if pair.pair is None else (jpeg(pair.pair.left), False)
         pair = pair.source
     if isinstance(pair, CapturedPair):
         data, both = pair.left.data, pair.right is None
@@ -59,14 +49,8 @@ def left_image(pair: Pair) -> tuple[bytes, bool] | None:
         data, both = _content(pair), False
     else:
         data, both = _pixels(pair), False
-    if isinstance(data, np.ndarray):
-        return _jpeg(data), both
-    if not data or is_cut_short(data[:8], data[-TAIL:]):
-        return None
-    if len(data) > LARGE:
-        small = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_REDUCED_COLOR_2)
-        return None if small is None else (_jpeg(small), both)
-    return data, both
+    image = camera_jpeg(data)
+    return None if image is None else (image, both)
 
 
 def _content(pair: PairFiles) -> bytes:
@@ -81,15 +65,6 @@ def _pixels(pair: Pair) -> np.ndarray | bytes:
         return cast(RecordedPair, pair).load_left()
     except (DamagedFrameError, StereoError):
         return b""
-
-
-def _jpeg(image: np.ndarray) -> bytes:
-    if image.dtype != np.uint8:
-        image = (image >> 8).astype(np.uint8)
-    if image.shape[1] > WIDE:
-        height = round(image.shape[0] * WIDE / image.shape[1])
-        image = cv2.resize(image, (WIDE, height), interpolation=cv2.INTER_AREA)
-    return cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1].tobytes()
 
 
 def strips(rig: StereoRig, camera: RectifiedCamera) -> np.ndarray:
