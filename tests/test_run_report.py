@@ -29,6 +29,7 @@ from pipeline.run import MapRun
 from pipeline.run_report import report as report_module
 from pipeline.run_report.origin import Origin
 from pipeline.settings import Settings, load_settings
+from tests.browsers import PHONE, chromium
 from tests.html_page import Page
 from tests.test_odometry_witness import drive as drive_of_witness
 
@@ -38,7 +39,6 @@ BLACK_PAIRS, COVERED, TORN = (10, 11, 12), 20, 25
 pytestmark = pytest.mark.usefixtures("one_thread")
 SET = ("mapping.particles=20", "stereo.noise=0.3", "mapping.cell=0.05")
 MEGABYTE = 1 << 20
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 
 
 @pytest.fixture(scope="module")
@@ -292,23 +292,19 @@ def test_a_wheel_taken_for_too_large_is_named_with_its_bias(drive, tmp_path):
     assert float(factor[1]) == pytest.approx(1.0 / (1.0 + bias), abs=0.02)
 
 
-@pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")
-def test_it_fits_a_phone_and_fetches_nothing(run):
-    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    flags = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
+def test_it_fits_a_phone_and_fetches_nothing(run, tmp_path):
     asked: list[str] = []
-    with playwright.sync_playwright() as play:
-        browser = play.chromium.launch(executable_path=CHROMIUM, args=flags)
-        page = browser.new_page(viewport={"width": 360, "height": 740})
+    with chromium(tmp_path / "profile") as browser:
+        page = browser.new_page()
+        page.set_viewport_size(PHONE)
         page.on("request", lambda request: asked.append(request.url))
         page.on("console", lambda message: asked.append(message.text))
         for scheme in ("light", "dark"):
             page.emulate_media(color_scheme=scheme)
             page.goto((run / "report.html").as_uri())
-            assert page.evaluate("document.documentElement.scrollWidth") == 360
+            assert page.evaluate("document.documentElement.scrollWidth") == PHONE["width"]
         style = "getComputedStyle(document.body)"
         ink, paper = page.evaluate(f"[{style}.color, {style}.backgroundColor]")
-        browser.close()
     assert all(url.startswith(("file:", "data:")) for url in asked), asked
     assert ink == "rgb(236, 236, 242)"
     assert paper == "rgb(23, 23, 28)"
