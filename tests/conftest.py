@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import sys
 from collections.abc import Callable, Iterator
@@ -16,6 +17,7 @@ from hypothesis import settings
 from pipeline.cli import cli, main
 from tests.batch_runs import cut
 from tests.browsers import chromium
+from tests.scan_logs import drive, write_log
 
 OFFICE = Path(__file__).parent.parent / "data" / "office"
 PAIRS = 40
@@ -76,6 +78,27 @@ def recordings(office_piece, tmp_path_factory) -> Path:
     (folder / "broken" / "mav0" / "cam0").mkdir(parents=True)
     (folder / "notes.txt").write_text("not to be mapped\n")
     return folder
+
+
+@pytest.fixture
+def moved_run(office_run, office_piece, tmp_path) -> Path:
+    """A copy of that run whose recording is not where it was; now it is `office_piece`."""
+    run = Path(shutil.copytree(office_run, tmp_path / "moved-run"))
+    facts = json.loads((run / "run.json").read_text())
+    facts["request"]["input"] = str(tmp_path / "gone")
+    (run / "run.json").write_text(json.dumps(facts))
+    return run
+
+
+@pytest.fixture(scope="session")
+def log_run(tmp_path_factory) -> Path:
+    """The result folder of a scan log of 40 scans; not to be changed."""
+    folder = tmp_path_factory.mktemp("log")
+    room = drive(40)
+    log = write_log(folder / "room.log", [room.flaser(i) for i in range(40)])
+    done = CliRunner().invoke(cli, ["map", str(log), "-o", str(folder / "run"), *QUICK])
+    assert done.exit_code == 0, done
+    return folder / "run"
 
 
 @pytest.fixture

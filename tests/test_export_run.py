@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import subprocess
 import sys
 from collections import defaultdict
@@ -22,8 +21,7 @@ from pipeline.run import make_ranger
 from pipeline.settings import Settings
 from pipeline.trajectory import read_tum
 from tests import nav2_map
-from tests.conftest import PAIRS, QUICK
-from tests.scan_logs import drive, write_log
+from tests.conftest import PAIRS
 
 # bag -> what it is called.
 NAMES = {"mcap": "out.mcap", "ros1": "out.bag", "sqlite3": "out"}
@@ -207,35 +205,26 @@ def test_images_come_along_so_that_the_bag_is_a_recording_again(
 
 
 def test_without_the_recording_what_the_folder_holds_is_written(
-    office_piece, tmp_path, refused, beemap
+    moved_run, office_piece, tmp_path, refused, beemap
 ):
-    moved, run = tmp_path / "moved", tmp_path / "run"
-    shutil.copytree(office_piece, tmp_path / "rec")
-    assert beemap("map", tmp_path / "rec", "-o", run, *QUICK).code == 0
-    (tmp_path / "rec").rename(moved)
-    done = beemap("export", run, "-o", tmp_path / "bare.mcap")
+    bare = tmp_path / "bare.mcap"
+    done = beemap("export", moved_run, "-o", bare)
     assert done.code == 0
-    assert f"its input {tmp_path / 'rec'} is not there any more (--recording says" in done.err
-    found, _ = content(tmp_path / "bare.mcap")
+    assert f"its input {tmp_path / 'gone'} is not there any more (--recording says" in done.err
+    found, _ = content(bare)
     assert set(found) == {"/map", "/path", "/odom", "/tf"}
     assert not found["/odom"][-1][1].pose.covariance.any()
-    line = refused("export", run, "-o", tmp_path / "bare.mcap")
-    assert "already exists: give --force" in line
-    done = beemap(
-        "export", run, "-o", tmp_path / "bare.mcap", "--force", "--recording", moved, "--no-images"
-    )
-    assert len(content(tmp_path / "bare.mcap")[0]["/odom"]) == PAIRS
-    assert "LaserScan" in done.out
+    assert "already exists: give --force" in refused("export", moved_run, "-o", bare)
+    options = ("--force", "--recording", office_piece, "--no-images")
+    assert "LaserScan" in beemap("export", moved_run, "-o", bare, *options).out
+    assert len(content(bare)[0]["/odom"]) == PAIRS
 
 
-def test_a_run_of_a_scan_log(tmp_path, beemap):
-    room = drive(40)
-    log = write_log(tmp_path / "room.log", [room.flaser(i) for i in range(40)])
-    assert beemap("map", log, "-o", tmp_path / "run", *QUICK).code == 0
-    assert beemap("export", tmp_path / "run", "-o", tmp_path / "out.mcap").code == 0
+def test_a_run_of_a_scan_log(log_run, tmp_path, beemap):
+    assert beemap("export", log_run, "-o", tmp_path / "out.mcap").code == 0
     found, _ = content(tmp_path / "out.mcap")
     assert set(found) == {"/map", "/path", "/odom", "/tf", "/tf_static", "/scan"}
-    job, _ = MapRequest(str(log)).prepare(None, (), 1)
+    job, _ = MapRequest(str(log_run.parent / "room.log")).prepare(None, (), 1)
     due = [look.stamp for look in job.looks() if look.scan is not None]
     assert [time for time, _ in found["/scan"]] == due
     assert 3 < len(due) < 40

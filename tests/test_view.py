@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import shutil
 import signal
 import subprocess
 import sys
@@ -17,8 +16,7 @@ import pytest
 
 from pipeline.recordings import open_recording
 from pipeline.view.entities import grid_map
-from tests.conftest import PAIRS, QUICK
-from tests.scan_logs import drive, write_log
+from tests.conftest import PAIRS
 
 pytest.importorskip("rerun", reason="rerun is in the extra view")
 
@@ -73,12 +71,9 @@ def test_a_run_made_again_is_kept_in_a_file(office_run, facts, tmp_path, beemap)
 
 
 def test_without_its_recording_what_the_folder_holds_is_shown(
-    office_run, facts, tmp_path, refused, beemap
+    moved_run, facts, tmp_path, refused, beemap
 ):
-    run = Path(shutil.copytree(office_run, tmp_path / "run"))
-    facts = {**facts, "request": {**facts["request"], "input": str(tmp_path / "gone")}}
-    (run / "run.json").write_text(json.dumps(facts))
-    done = beemap("view", run, "--save", tmp_path / "run.rrd")
+    done = beemap("view", moved_run, "--save", tmp_path / "run.rrd")
     assert done.code == 0, done.err
     assert f"its input {tmp_path / 'gone'} is not there any more" in done.err
     found = rows(tmp_path / "run.rrd")
@@ -86,35 +81,28 @@ def test_without_its_recording_what_the_folder_holds_is_shown(
     assert found["/plots/n_eff"] == facts["local_maps"]
     assert found["/world/map"] == found["/world/path"] == found["/world/truth"] == 1
     assert not any("cameras" in entity or "particles" in entity for entity in found)
-    line = refused("view", run, "--save", tmp_path / "run.rrd")
+    line = refused("view", moved_run, "--save", tmp_path / "run.rrd")
     assert "already exists: give --force" in line
-    line = refused("view", run, "--save", tmp_path / "b.rrd", "--recording", tmp_path / "no")
+    line = refused("view", moved_run, "--save", tmp_path / "b.rrd", "--recording", tmp_path / "no")
     assert "no: no such folder" in line
     assert not (tmp_path / "b.rrd").exists()
 
 
-def test_another_recording_than_the_runs_is_told(office_run, office, tmp_path, beemap):
+def test_damage_to_the_recording_is_shown_and_told(moved_run, facts, office, tmp_path, beemap):
+    """A pair that cannot be read stands in the log; without every other reading of the wheels the
+    path is another."""
+    open_recording(office).pairs[5].files[0].write_bytes(b"")
     table = office / "mav0" / "odom0" / "data.csv"
     lines = table.read_text().splitlines()
     table.write_text("\n".join([lines[0], *lines[1::2]]) + "\n")
-    done = beemap(
-        "view", office_run, "--save", tmp_path / "a.rrd", "--recording", office, "--threads", 1
-    )
+    done = beemap("view", moved_run, "--save", tmp_path / "a.rrd", "--recording", office)
     assert done.code == 0
     assert re.search(r"note: made again, the path is up to \d\.\d{3} m from the one", done.err)
-
-
-def test_damaged_pairs_and_scan_logs_are_shown(office, tmp_path, beemap):
-    pair = open_recording(office).pairs[5]
-    pair.files[0].write_bytes(b"")
-    assert beemap("map", office, "-o", tmp_path / "run", *QUICK).code == 0
-    assert beemap("view", tmp_path / "run", "--save", tmp_path / "a.rrd", "--quiet").code == 0
-    facts = json.loads((tmp_path / "run" / "run.json").read_text())
     assert rows(tmp_path / "a.rrd")["/log"] == len(facts["health"]) + 1
-    room = drive(40)
-    log = write_log(tmp_path / "room.log", [room.flaser(i) for i in range(40)])
-    assert beemap("map", log, "-o", tmp_path / "logrun", *QUICK).code == 0
-    assert beemap("view", tmp_path / "logrun", "--save", tmp_path / "b.rrd", "--quiet").code == 0
+
+
+def test_a_run_of_a_scan_log_is_shown_without_images(log_run, tmp_path, beemap):
+    assert beemap("view", log_run, "--save", tmp_path / "b.rrd", "--quiet").code == 0
     found = rows(tmp_path / "b.rrd")
     assert found["/world/robot"] == 40
     assert found["/world/particles"] > 1
