@@ -63,26 +63,28 @@ def scheduler(place: Path) -> Iterator[DaskCluster]:
 def workers(
     cluster: DaskCluster, count: int, path: Path = ROOT, nanny: bool = True
 ) -> Iterator[None]:
-    """Workers that take what is in `path` for beemap; they are there within the block.
+    """Workers that take what is in `path` for beemap; they come within the block.
 
     nanny: they are started again when they die.
     """
+    process = _dask(
+        cluster.place, "worker", cluster.address, "--nworkers", str(count), "--nthreads", "1",
+        "--host", "127.0.0.1", "--nanny" if nanny else "--no-nanny", path=path,
+    )  # fmt: skip
+    try:
+        yield
+    finally:
+        process.kill()  # workers end when their nanny is gone
+        process.wait()
+
+
+def wait_for_workers(cluster: DaskCluster, count: int) -> None:
+    """Until so many are there, those that are started again included."""
     from distributed import Client
 
     client: Any
     with Client(cluster.address, set_as_default=False) as client:
-        before = len(client.nthreads())
-        process = _dask(
-            cluster.place, "worker", cluster.address, "--nworkers", str(count), "--nthreads", "1",
-            "--host", "127.0.0.1", "--nanny" if nanny else "--no-nanny", path=path,
-        )  # fmt: skip
-        try:
-            client.wait_for_workers(before + count, timeout=30)
-            yield
-        finally:
-            process.kill()  # workers end when their nanny is gone
-            process.wait()
-            deadline = time.monotonic() + 10.0
-            while cluster.scheduler.poll() is None and len(client.nthreads()) > before:
-                assert time.monotonic() < deadline
-                time.sleep(0.05)
+        deadline = time.monotonic() + 30.0
+        while len(client.nthreads()) != count:
+            assert time.monotonic() < deadline
+            time.sleep(0.05)

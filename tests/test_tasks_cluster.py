@@ -18,7 +18,7 @@ from pipeline.tasks.identity import SOURCE, identity
 from pipeline.tasks.runner import Workers, task_runner
 from pipeline.tasks.task import Failure
 from tests.batch_runs import QUICK, results
-from tests.dask_cluster import ALLOWED_FAILURES, DaskCluster, scheduler, workers
+from tests.dask_cluster import ALLOWED_FAILURES, DaskCluster, scheduler, wait_for_workers, workers
 from tests.experiment_runs import noted, spec, tiny_world
 from tests.task_work import POISON, mortal, square, telling
 
@@ -36,6 +36,7 @@ def lonely(tmp_path_factory) -> Iterator[DaskCluster]:
 def dask(lonely) -> Iterator[DaskCluster]:
     """The scheduler with two workers of one thread each."""
     with workers(lonely, 2):
+        wait_for_workers(lonely, 2)
         yield lonely
 
 
@@ -120,10 +121,13 @@ def test_a_worker_of_another_beemap_is_named_before_any_task_is_sent(dask, tmp_p
     done = tmp_path / "done"
     done.mkdir()
     ours = identity()["beemap"]
+    wait_for_workers(dask, 2)
     with workers(dask, 1, tmp_path, nanny=False):
+        wait_for_workers(dask, 3)
         with pytest.raises(InputError, match=f"{ONE_WORKER}: has beemap 9.9, here {ours}: install"):
             refusal_of_late(dask, done)
         assert f": has beemap 9.9, here {ours}: install the same there" in refusal(dask.address)
+    wait_for_workers(dask, 2)
     assert not list(done.iterdir())
 
 

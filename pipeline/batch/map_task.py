@@ -33,6 +33,11 @@ DECIDING = (
     "mapping/*.py",
     "pipeline/*.py",
     "pipeline/recordings/*.py",
+    "pipeline/health/*.py",
+    "pipeline/run_report/*.py",
+    "pipeline/run_report/*.j2",
+    "pipeline/pages/*.py",
+    "pipeline/pages/*.j2",
 )
 
 
