@@ -35,6 +35,9 @@ NOT_RUN = {
     "beemap import drive.bag": "a robot's own bag (tests/test_import_bag.py)",
     "beemap map rec": "of that bag",
     "pip install": "needs a network",
+    "beemap batch recordings -o maps --rig": "a rig of your own (tests/test_batch.py)",
+    "beemap batch recordings -o maps --scheduler": "needs a cluster (tests/test_tasks_cluster.py)",
+    "dask": "runs until it is stopped (tests/test_tasks_cluster.py)",
     "beemap map intel": "not in the repository (python -m benchmarks.logs)",
     "beemap info intel": "not in the repository (python -m benchmarks.logs)",
     "beemap evaluate relations": "not in the repository (python -m benchmarks.logs)",
@@ -51,11 +54,14 @@ Run = Callable[..., Outcome]
 
 
 @pytest.fixture
-def place(office_piece, tmp_path, monkeypatch) -> Path:
-    """Where a page is read: a folder with the bundled recording and pictures of a board."""
+def place(office_piece, recordings, tmp_path, monkeypatch) -> Path:
+    """Where a page is read: a folder with the bundled recording in it, and some more."""
     (tmp_path / "data").mkdir()
     (tmp_path / "data" / "office").symlink_to(office_piece)
     (tmp_path / "RECORDING").symlink_to(office_piece)
+    (tmp_path / "recordings").mkdir()
+    for name, source in (("2024-05-01", "kitchen"), ("2024-05-02", "hall")):
+        (tmp_path / "recordings" / name).symlink_to(recordings / source)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.chdir(tmp_path)
     return tmp_path
