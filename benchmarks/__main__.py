@@ -7,6 +7,7 @@ from pathlib import Path
 
 from benchmarks import (
     accuracy,
+    batch,
     calibration,
     end_to_end,
     live,
@@ -40,7 +41,7 @@ stereo = (
     stereo_model,
     stereo_end_to_end,
 )
-encoders = (serial_faults, wheel_calibration, live, web)
+encoders = (serial_faults, wheel_calibration, live, web, batch)
 sections = (end_to_end, accuracy, *stereo, visual, logs, calibration, *encoders, simulated)
 page = "\n\n".join([TITLE, *(section.main() for section in sections)]) + "\n"
 print(page)
