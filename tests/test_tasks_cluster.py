@@ -169,6 +169,15 @@ def test_nothing_or_something_else_at_the_address_is_one_line(monkeypatch, liste
         )
 
 
+def test_a_worker_that_ends_while_it_is_looked_at_ends_nothing(dask, tmp_path, monkeypatch):
+    monkeypatch.setattr(cluster_module, "judge", lambda client, must_see: ({}, set()))
+    with connected(dask.address, None) as cluster:
+        done = list(cluster([(3, str(tmp_path))], square))
+        assert [result[0] for _, result in done] == [9]
+        with pytest.raises(InputError, match="has no workers: start some with"):
+            cluster.check([])
+
+
 def test_workers_that_are_gone_for_good_end_the_run(lonely, monkeypatch):
     monkeypatch.setattr(cluster_module, "PATIENCE", 0.1)
     monkeypatch.setattr(cluster_module, "LOOK_EVERY", 0.1)

@@ -78,17 +78,13 @@ class Cluster:
         Raises:
             InputError: there is none; one holds another beemap, or does not see a file.
         """
-        faults, fit = judge(self._client, must_see)
-        if faults:
-            worker, fault = min(faults.items())
-            others = f" ({len(faults) - 1} other workers, too)" if len(faults) > 1 else ""
-            raise InputError(f"worker {worker}{others}: {fault}")
-        if not fit:
+        self._must_see = must_see
+        self._look_at_workers()
+        if not self._fit:
             raise InputError(
                 f"--scheduler {self._address}: has no workers: start some with "
                 f"'dask worker {self._address}'"
             )
-        self._must_see, self._fit = must_see, fit
 
     def __call__(
         self,
@@ -113,7 +109,7 @@ class Cluster:
             while waiting or running:
                 workers = self._workers()
                 if not self._fit.issuperset(workers):
-                    self.check(self._must_see)  # some came later
+                    self._look_at_workers()  # some came later
                 # Dask gives a task to the worker with the fewest: to one that does nothing.
                 while waiting and len(running) < min(self._jobs or len(workers), len(workers)):
                     number, task = waiting.popleft()
@@ -135,6 +131,14 @@ class Cluster:
             with suppress(OSError):
                 self._client.cancel(list(running))
                 self._client.unsubscribe_topic(topic)
+
+    def _look_at_workers(self) -> None:
+        """Remember those that are fit. Raises InputError naming one that is not."""
+        faults, self._fit = judge(self._client, self._must_see)
+        if faults:
+            worker, fault = min(faults.items())
+            others = f" ({len(faults) - 1} other workers, too)" if len(faults) > 1 else ""
+            raise InputError(f"worker {worker}{others}: {fault}")
 
     def _workers(self) -> dict[str, int]:
         """Address -> threads of every worker there is now."""
