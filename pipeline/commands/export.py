@@ -7,6 +7,8 @@ from pathlib import Path
 
 import click
 
+from pipeline.commands.recording_option import recording_option
+
 
 @click.command("export")
 @click.argument("run", type=click.Path(path_type=Path), metavar="RUN")
@@ -18,12 +20,7 @@ import click
     metavar="OUT.mcap",
     help="One .mcap, a ROS 1 .bag, or (no ending) a ROS 2 bag's folder.",
 )
-@click.option(
-    "--recording",
-    type=click.Path(path_type=Path),
-    metavar="REC",
-    help="Where the run's input is now.  [default: where it was]",
-)
+@recording_option
 @click.option("--no-images", is_flag=True, help="Leave the images out: a tenth of the size.")
 @click.option("--threads", type=click.IntRange(min=1), help="Default: all cores.")
 @click.option("--force", is_flag=True, help="Replace a bag that is there.")

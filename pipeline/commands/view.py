@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from pipeline.commands.recording_option import recording_option
+
 if TYPE_CHECKING:
     import rerun as rr
 
@@ -27,12 +29,7 @@ if TYPE_CHECKING:
     metavar="FILE.rrd",
     help="Write it into a file instead, for rerun's viewer on another machine.",
 )
-@click.option(
-    "--recording",
-    type=click.Path(path_type=Path),
-    metavar="REC",
-    help="Where the run's input is now.  [default: where it was]",
-)
+@recording_option
 @click.option("--no-browser", is_flag=True, help="Print the address only.")
 @click.option("--threads", type=click.IntRange(min=1), help="Default: all cores.")
 @click.option("--force", is_flag=True, help="Replace a file that is there.")
