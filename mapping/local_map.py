@@ -62,6 +62,11 @@ class LocalMapper:
         self._motion: Motion | None = None
         self._window: list[tuple[np.ndarray, RangeScan]] = []
 
+    @property
+    def motion(self) -> Motion:
+        """Since the last local map closed."""
+        return Motion.none(0) if self._motion is None else self._motion
+
     def move(self, motion: Motion) -> None:
         """Take in the motion up to the next pair."""
         self._motion = motion if self._motion is None else self._motion.then(motion)

@@ -27,6 +27,10 @@ from mapping.surface_matching import Glimpse, surface
 from odometry.motion import Motion, compose, inverse
 from stereo.scan import RangeScan
 
+# Smoothing may cost so much of the matched share of a local map (eq (8)), on average. The filter's
+# best particle is chosen by that share and exceeds the true path's by some hundredths.
+MAX_LOST = 0.1
+
 
 class HierarchicalMapper:
     """Scans and motion in, a map and a path out. The first pair stands at (0, 0, 0), or in a map
@@ -54,14 +58,16 @@ class HierarchicalMapper:
             correlated = math.radians(self.settings.correlated)
             self._ego_motion = EgoMotion(self.settings.cell, correlated)
         self._since: Motion | None = None  # the observation before
-        self._place = np.zeros(3)  # where that was, as it is known now
+        self._closing = Motion.none(0)  # from the map's origin to where the last local map closed
+        self._place = self._closing  # and to the last observation
         # Pairs that were observations, and where matched motion alone puts them.
         self._observed: list[int] = [0]
         self._matched: list[np.ndarray] = [np.zeros(3)]
         # Of those, the ones that closed a local map: there the filter's poses stand.
         self._closed: list[int] = [0]
         self._glimpses: list[Glimpse] = []  # of those local maps, for the smoothing
-        self._smoothed: np.ndarray | None = None  # the filter's poses, when the run is over
+        # When the run is over: the filter's poses smoothed, and the map drawn along them.
+        self._smoothed: tuple[np.ndarray, OccupancyGrid] | None = None
         self._known = known
         if known is not None and known.pose is not None:
             self._begin_at(known, known.pose)
@@ -85,7 +91,7 @@ class HierarchicalMapper:
         self.odometry.append(compose(previous, motion.increment))
         self.stamps.append(motion.last)
         self._since = motion if self._since is None else self._since.then(motion)
-        self.online.append(compose(self._place, self._since.increment))
+        self.online.append(compose(self._place.increment, self._since.increment))
 
     def observe(self, scan: RangeScan) -> None:
         """The scan of the pair just moved to; its place is known after `move`."""
@@ -100,15 +106,20 @@ class HierarchicalMapper:
         local = self.local_mapper.observe(scan)
         if local is not None:
             self._close(local)
-        # The filter's pose, moved on by matched motion since its last local map.
-        matched = compose(inverse(self._matched[self._closed[-1]]), self._matched[-1])
-        self._place = compose(self.filter.poses[self.filter.best], matched)
-        self.online[-1] = self._place
+        self._place = self._closing.then(self.local_mapper.motion)
+        self.online[-1] = self._place.increment
 
     @property
     def pose(self) -> np.ndarray:
-        """The best particle's pose (3,), moved on by odometry since the last local map."""
+        """The pose (3,) as it is known now: the particles' mean where the last local map closed,
+        moved on by matched motion, and by odometry since the last observation."""
         return self.online[-1]
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """Of `pose` (3, 3), in the map's frame."""
+        known = self._place if self._since is None else self._place.then(self._since)
+        return known.covariance
 
     def finish(self) -> tuple[OccupancyGrid, np.ndarray]:
         """Use the last, shorter local map, smooth the path; the map and the path (pairs, 3)."""
@@ -119,9 +130,14 @@ class HierarchicalMapper:
             self._smoothed = self._smooth()
         return self.grid(), self.path()
 
+    @property
+    def smoothed(self) -> bool:
+        """Whether `finish` smoothed the path."""
+        return self._smoothed is not None
+
     def grid(self) -> OccupancyGrid:
         """The best particle's map; after `finish` drawn along the smoothed path."""
-        return self.filter.grid() if self._smoothed is None else self.filter.redrawn(self._smoothed)
+        return self.filter.grid() if self._smoothed is None else self._smoothed[1]
 
     def path(self) -> np.ndarray:
         """Poses (n, 3) of all pairs so far on the best particle's history; after `finish`
@@ -131,27 +147,42 @@ class HierarchicalMapper:
             return odometry
         observed = np.array(self._observed)
         matched = join(odometry, observed, np.array(self._matched))
-        closed = self.filter.path() if self._smoothed is None else self._smoothed
+        closed = self.filter.path() if self._smoothed is None else self._smoothed[0]
         return join(matched, observed[self._closed], closed)
 
     def _begin_at(self, known: KnownMap, pose: np.ndarray) -> None:
         maps = tile_maps(known.grid, self.settings.particles, self.settings)
         self.filter.begin_in(maps, pose)
-        self._place = np.asarray(pose, float)
+        self._closing = self._place = Motion(np.asarray(pose, float))
 
     def _close(self, local: LocalMap) -> None:
         if self._known is not None and self._known.pose is None and not self.filter.health:
             here = locate(local, self._known.grid, self.settings)
             self._begin_at(self._known, compose(here, inverse(local.motion.increment)))
         self.filter.add(local)
+        self._closing = self.filter.estimate()
         self.latest = local
         self._closed.append(len(self._observed) - 1)
         if self.settings.smoothing and self._known is None:
             self._glimpses.append(Glimpse.of(local))
 
-    def _smooth(self) -> np.ndarray:
+    def _smooth(self) -> tuple[np.ndarray, OccupancyGrid] | None:
+        """The filter's poses (steps + 1, 3), smoothed, and the map drawn along them.
+
+        None where too much of what matched along the filter's path then no longer does: the filter
+        weighs whole views, free space included, and may know what surfaces alone do not show.
+        """
+        path = self.filter.path()
+        bent = self._bent(path)
+        (_, before), (grid, after) = self.filter.redrawn(path), self.filter.redrawn(bent)
+        lost = before - after
+        if np.isfinite(lost).any() and np.nanmean(lost) > MAX_LOST:
+            return None
+        return bent, grid
+
+    def _bent(self, path: np.ndarray) -> np.ndarray:
         """The filter's poses (steps + 1, 3), smoothed window by window."""
-        path, steps = self.filter.path(), len(self._glimpses)
+        steps = len(self._glimpses)
         # Windows of single observations are put together along the filter's path, which knows
         # more of them than the motion.
         known = path if self.settings.per_scan else np.array(self._matched)

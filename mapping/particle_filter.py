@@ -18,11 +18,12 @@ from mapping.global_kernels import match, touched, update
 from mapping.grid import OccupancyGrid
 from mapping.local_cells import LocalCells, PackedCells, classify
 from mapping.local_map import LocalMap
+from mapping.pose_estimate import estimate_pose
 from mapping.proposal import propose
 from mapping.sensor_model import SensorModel, probability
 from mapping.settings import MappingSettings
 from mapping.tiles import STEPS_PER_LOG_ODDS, TileMaps
-from odometry.motion import compose
+from odometry.motion import Motion, compose
 
 # Tells the uses of a run's seed from each other, and from those of the simulators.
 _MOTION_STREAM, _RESAMPLING_STREAM = 0xF1, 0xF2
@@ -72,7 +73,7 @@ class ParticleFilter:
         """One step of the algorithm above."""
         cells = classify(local, self.model, self.settings.match_tolerance)
         self.poses = self._sample(local)
-        overlap, matched = self._match(cells)
+        overlap, matched = self._match(self.maps, cells, self.poses)
         log_l = log_likelihoods(overlap, matched, self.settings)
         recovered = self._weigh(log_l)
         self._update(self.maps, cells, self.poses)
@@ -99,6 +100,10 @@ class ParticleFilter:
         """The particle with the largest likelihood summed over its whole ancestry."""
         return int(np.argmax(self.log_likelihood))
 
+    def estimate(self) -> Motion:
+        """From the map's origin to where the robot is, with its covariance (`pose_estimate`)."""
+        return estimate_pose(self.poses, self.log_weights, self.health[-1].stamp)
+
     def path(self, particle: int | None = None) -> np.ndarray:
         """Poses (steps + 1, 3) of a particle's ancestry, the start first; None: the best's."""
         k = self.best if particle is None else particle
@@ -114,13 +119,20 @@ class ParticleFilter:
         """A particle's map; None: the best's."""
         return self._as_grid(self.maps, self.best if particle is None else particle)
 
-    def redrawn(self, poses: np.ndarray) -> OccupancyGrid:
-        """The map drawn anew from all local maps, closed at poses (steps + 1, 3), the start
-        first."""
-        maps = TileMaps(1)
-        for packed, pose in zip(self._seen, poses[1:], strict=True):
-            self._update(maps, packed.cells(), pose[None])
-        return self._as_grid(maps, 0)
+    def redrawn(self, poses: np.ndarray) -> tuple[OccupancyGrid, np.ndarray]:
+        """The map drawn anew from all local maps, closed at poses (steps + 1, 3), the start first.
+
+        Returns the map, and of each step the matched share n / |S| of eq (8) (steps,), NaN where
+        too little was seen of what the steps before had drawn.
+        """
+        maps, share = TileMaps(1), np.full(len(self._seen), np.nan)
+        for k, (packed, pose) in enumerate(zip(self._seen, poses[1:], strict=True)):
+            cells = packed.cells()
+            overlap, matched = self._match(maps, cells, pose[None])
+            if overlap[0] >= max(self.settings.min_overlap, 1):
+                share[k] = matched[0] / overlap[0]
+            self._update(maps, cells, pose[None])
+        return self._as_grid(maps, 0), share
 
     def _as_grid(self, maps: TileMaps, particle: int) -> OccupancyGrid:
         log_odds, corner = maps.log_odds(particle)
@@ -144,13 +156,15 @@ class ParticleFilter:
         root = vectors * np.sqrt(np.maximum(values, 0.0))
         return compose(self.poses, motion.increment + draws @ root.T)
 
-    def _match(self, cells: LocalCells) -> tuple[np.ndarray, np.ndarray]:
-        maps = self.maps
+    def _match(
+        self, maps: TileMaps, cells: LocalCells, poses: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """|S| and n of eq (8), (N,) each, of a map at each of the poses (N, 3)."""
         return match(
             maps.obstacles,
             maps.table,
             maps.corner,
-            self.poses,
+            poses,
             cells.bits,
             *cells.origin,
             cells.cell,

@@ -197,7 +197,7 @@ def test_the_map_drawn_anew_along_the_best_particles_path_is_that_particles_map(
     settings = MappingSettings(particles=8, smoothing=False, window=5)
     drive_ = drive(round_the_room(60), (0.01, 0.01), 3)
     mapper = fed(HierarchicalMapper(settings, 1), drive_)
-    drawn, kept = mapper.filter.redrawn(mapper.filter.path()), mapper.filter.grid()
+    (drawn, _), kept = mapper.filter.redrawn(mapper.filter.path()), mapper.filter.grid()
     assert drawn.origin == kept.origin
     np.testing.assert_array_equal(drawn.probability, kept.probability)
 
