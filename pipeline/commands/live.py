@@ -142,7 +142,8 @@ def _tell(output: Path, place: Path, summary: dict[str, Any]) -> None:
     click.echo(
         f"{counts.get('pairs used', 0)} pairs mapped, {summary['pairs_skipped']} skipped, "
         f"{counts.get('observations', 0)} observations, {summary['local_maps']} local maps, "
-        f"{summary['path_m']:.1f} m of path, {summary['known_m2']:.1f} m2",
+        f"{summary['path_m']:.1f} m of path, "
+        f"mapped: {summary['free_m2']:.1f} m2 free, {summary['occupied_m2']:.1f} m2 occupied",
         err=True,
     )
     if poses and maps:
