@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 import msgspec
 import numpy as np
 
-from calibration.rig import RigError, StereoRig
+from calibration.rig import StereoRig
+from mapping.gate import SLACK
+from odometry.encoders import EncoderParameters, encoder_parameters
 from odometry.errors import OdometryError
-from pipeline.errors import InputError
-from pipeline.motion import LOOKING, motion_of, usual_motion, wheels_of
+from pipeline.motion import LOOKING, motion_of, usual_motion
 from pipeline.recordings.base import Recording
 from pipeline.run import USABLE_CELLS
 from pipeline.seeing import moved
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 
 CELLS = (0.05, 0.1, 0.2, 0.5, 1.0)  # m
 SAMPLES = 5  # places in a recording at which its speed is looked at
+OF_MAP = "the cells of the map in which the run begins"
 CRUISING = 0.75  # quantile of these: a vehicle may wait at some of them
 
 
@@ -44,14 +46,36 @@ def fitted(
     mapping, why = settings.mapping, {}
     if is_cell_open:
         if begin is not None:
-            cell, reason = begin.grid.cell, "the cells of the map in which the run begins"
+            cell, reason = begin.grid.cell, OF_MAP
+        elif recording.cell is not None:
+            cell, reason = recording.cell, "as it was mapped when it was recorded"
         else:
             way = travel_between_pairs(recording, rig, motion, settings, seed)
             cell, reason = fitting_cell(rig, settings, way)
         mapping = msgspec.structs.replace(mapping, cell=cell)
         why["mapping.cell"] = f"{cell:g} m: {reason}"
     settings = msgspec.structs.replace(settings, mapping=mapping)
-    return with_body(settings, track_of(recording, rig)), why
+    return with_body(settings, rig, recording.encoders), why
+
+
+def fitted_live(
+    settings: Settings,
+    is_cell_open: bool,
+    rig: StereoRig,
+    wheels: EncoderParameters | None,
+    begin: KnownMap | None,
+) -> tuple[Settings, dict[str, str]]:
+    """As `fitted`, before anything is recorded. The recording keeps the choice, so that mapping it
+    again gives the same map."""
+    mapping, why = settings.mapping, {}
+    if is_cell_open:
+        cell, reason = CELLS[0], "the usual size: how fast the robot will be is not known"
+        if begin is not None:
+            cell, reason = begin.grid.cell, OF_MAP
+        mapping = msgspec.structs.replace(mapping, cell=cell)
+        why["mapping.cell"] = f"{cell:g} m: {reason}"
+    settings = msgspec.structs.replace(settings, mapping=mapping)
+    return with_body(settings, rig, wheels), why
 
 
 def fitting_cell(rig: StereoRig, settings: Settings, travel: float | None) -> tuple[float, str]:
@@ -65,8 +89,8 @@ def fitting_cell(rig: StereoRig, settings: Settings, travel: float | None) -> tu
     mapping, stereo = settings.mapping, settings.stereo
     if travel is None:
         return CELLS[0], "the usual size: how far the robot goes from pair to pair is not known"
-    if travel <= mapping.spacing:
-        return CELLS[0], f"{travel:.2f} m from pair to pair, less than mapping.spacing"
+    if SLACK * travel <= mapping.spacing:
+        return CELLS[0], f"{travel:.2f} m from pair to pair, no more than mapping.spacing"
     factor = rig.left.fx * rig.baseline
     searched = choose_disparities(rig.left.fx, rig.baseline, rig.image_size[0])
     near = factor / (stereo.disparities or searched)
@@ -97,9 +121,9 @@ def travel_between_pairs(
     if choice in LOOKING and (recording.ticks is not None or recording.odometry is not None):
         choice = "odometry" if recording.ticks is None else "encoders"
     pairs = recording.pairs
-    firsts = np.unique(np.linspace(0, len(pairs) - 2, SAMPLES).round().astype(int))
+    firsts = np.linspace(0, max(len(pairs) - 2, 0), SAMPLES).round().astype(int)
     steps = []
-    for first in firsts[firsts >= 0].tolist():
+    for first in np.unique(firsts).tolist() if len(pairs) > 1 else []:
         source = motion_of(choice, recording, rig, settings, seed)
         _, step = (found for _, found in moved(pairs[first : first + 2], source, threads=1))
         if step is not None:
@@ -107,19 +131,17 @@ def travel_between_pairs(
     return float(np.quantile(steps, CRUISING)) if steps else None
 
 
-def track_of(recording: Recording, rig: StereoRig) -> float | None:
-    """From wheel to wheel [m], where rig or recording know it."""
-    if "encoders" not in rig.sections and recording.encoders is None:
-        return None
-    try:
-        return wheels_of(recording, rig).track
-    except (InputError, OdometryError, RigError):
-        return None  # whoever needs the wheels says what is wrong
-
-
-def with_body(settings: Settings, track: float | None) -> Settings:
-    """With a footprint, where none is set, as wide as the track [m]."""
-    if track is None or settings.mapping.footprint is not None:
+def with_body(settings: Settings, rig: StereoRig, wheels: EncoderParameters | None) -> Settings:
+    """With a footprint, where none is set, as wide as the track of the rig's wheels, else of those
+    that were recorded with it."""
+    if settings.mapping.footprint is not None:
         return settings
-    mapping = msgspec.structs.replace(settings.mapping, footprint=0.5 * track)
+    try:
+        if "encoders" in rig.sections:
+            wheels = encoder_parameters(rig.sections["encoders"], "rig: encoders")
+    except OdometryError:
+        return settings  # whoever needs the wheels says what is wrong
+    if wheels is None:
+        return settings
+    mapping = msgspec.structs.replace(settings.mapping, footprint=0.5 * wheels.track)
     return msgspec.structs.replace(settings, mapping=mapping)

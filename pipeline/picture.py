@@ -70,7 +70,7 @@ def draw_map(
 
 
 def _width(map_width: int) -> int:
-    return max(map_width + 2 * MARGIN, 900)
+    return max(map_width + 2 * MARGIN, 1100)  # the legend takes as much
 
 
 def _xy(point: np.ndarray) -> tuple[int, int]:
