@@ -71,7 +71,7 @@ def test_the_table_and_the_page_show_every_recording(batch):
     folder, _ = batch
     table = (folder / "table.md").read_text()
     assert table.startswith("# 3 recordings: 2 mapped, 1 failed\n")
-    assert "| broken | - | - | - | - | failed | - | - |" in table
+    assert "| broken | - | - | - | - | - | failed | - | - |" in table
     assert "| hall | 27 | " in table
     assert "- broken: failed: " in table
     page = (folder / "index.html").read_text()
