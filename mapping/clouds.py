@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mapping.grid import OccupancyGrid
+from mapping.grid import OCCUPIED, UNKNOWN, OccupancyGrid
 
 # Points closer together than this are merged: SGBM gives no finer detail at these ranges [m].
 VOXEL = 0.03
@@ -40,11 +40,12 @@ def import_open3d():
 
 
 def map_points(grid: OccupancyGrid) -> tuple[np.ndarray, np.ndarray]:
-    """Known cells as points (n, 3) at z = 0 [m] and grey values (n, 3) in 0..1, black = wall."""
-    rows, columns = np.nonzero(~np.isnan(grid.probability))
+    """Known cells as points (n, 3) at z = 0 [m] and colours (n, 3): black = wall, white = free."""
+    classes = grid.classes
+    rows, columns = np.nonzero(classes != UNKNOWN)
     x = grid.origin[0] + (columns + 0.5) * grid.cell
     y = grid.origin[1] + (rows + 0.5) * grid.cell
-    grey = 1.0 - grid.probability[rows, columns].astype(np.float64)
+    grey = np.where(classes[rows, columns] == OCCUPIED, 0.0, 1.0)
     return np.stack([x, y, np.zeros_like(x)], axis=1), np.repeat(grey[:, None], 3, axis=1)
 
 

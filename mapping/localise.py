@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from mapping.errors import MappingError
-from mapping.grid import OccupancyGrid
+from mapping.grid import FREE, OCCUPIED, OccupancyGrid
 from mapping.local_map import LocalMap
 from mapping.sensor_model import log_odds
 from mapping.settings import MappingSettings
@@ -81,15 +81,14 @@ def _free_cells(local: LocalMap, settings: MappingSettings) -> np.ndarray:
 
 def _field(grid: OccupancyGrid, settings: MappingSettings, reach: float) -> np.ndarray:
     """What a hit counts in every cell (H, W) float32."""
-    p = grid.probability
+    classes = grid.classes
     away = cv2.distanceTransform(
-        np.where(np.nan_to_num(p, nan=0.0) > settings.occupied, 0, 1).astype(np.uint8),
+        np.where(classes == OCCUPIED, 0, 1).astype(np.uint8),
         cv2.DIST_L2,
         5,
     )
     near = np.exp(-0.5 * (away * grid.cell / reach) ** 2)
-    free = np.nan_to_num(p, nan=0.5) < settings.free
-    return np.where(free & (near < 0.1), ON_FREE, near).astype(np.float32)
+    return np.where((classes == FREE) & (near < 0.1), ON_FREE, near).astype(np.float32)
 
 
 def _scores(
@@ -110,8 +109,7 @@ def _candidates(
     field = _field(grid, settings, COARSE)
     stride = max(1, round(SPACING / grid.cell))
     # A robot stands where the map is free.
-    free = np.nan_to_num(grid.probability, nan=1.0)[::stride, ::stride] < settings.free
-    rows, columns = np.nonzero(free)
+    rows, columns = np.nonzero(grid.classes[::stride, ::stride] == FREE)
     places = (np.stack([columns, rows], axis=1) * stride + 0.5) * grid.cell + grid.origin
     if not len(places):
         raise MappingError("the map has no free place for the robot to stand")

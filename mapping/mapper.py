@@ -14,6 +14,7 @@ from itertools import pairwise
 import numpy as np
 
 from mapping.ego_motion import EgoMotion
+from mapping.footprint import with_footprint
 from mapping.gate import ObservationGate
 from mapping.grid import OccupancyGrid
 from mapping.known_map import KnownMap, tile_maps
@@ -136,8 +137,13 @@ class HierarchicalMapper:
         return self._smoothed is not None
 
     def grid(self) -> OccupancyGrid:
-        """The best particle's map; after `finish` drawn along the smoothed path."""
-        return self.filter.grid() if self._smoothed is None else self._smoothed[1]
+        """The best particle's map; after `finish` drawn along the smoothed path. Where the robot
+        has been it is free."""
+        grid = self.filter.grid() if self._smoothed is None else self._smoothed[1]
+        if self._known is not None and self._known.pose is None and not self.filter.health:
+            return grid  # its place is still to be found
+        stamps = np.array(self.stamps, np.int64)
+        return with_footprint(grid, self.path(), stamps, self.settings.footprint or 0.0)
 
     def path(self) -> np.ndarray:
         """Poses (n, 3) of all pairs so far on the best particle's history; after `finish`

@@ -14,7 +14,23 @@ def _meta(description: str, unit: str, **limits: Any) -> msgspec.Meta:
 class MappingSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """How scans and motion become a map and a path."""
 
-    cell: Annotated[float, _meta("side of a map cell", "m", gt=0)] = 0.05
+    cell: Annotated[
+        float,
+        _meta(
+            "side of a map cell; null: 0.05, larger where a camera that goes far from pair to pair "
+            "would see too little",
+            "m",
+            gt=0,
+        ),
+    ] = 0.05
+    footprint: Annotated[
+        Annotated[float, msgspec.Meta(ge=0)] | None,
+        _meta(
+            "radius of the robot's body about the middle of its axle: where it has been is free; "
+            "null: half the track of its wheels, 0 (the cells under its path) without wheels",
+            "m",
+        ),
+    ] = None
     max_range: Annotated[
         Annotated[float, msgspec.Meta(gt=0)] | None,
         _meta("farthest range used; null: as far as the rig can tell", "m"),

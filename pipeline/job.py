@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
@@ -59,7 +59,8 @@ class Job:
     unit: what the input consists of; opened: that input; rig: with which it is read, None for
     logs; notes: what the user must hear before; skipped: what was passed over when the input was
     opened; facts(): what run.json says of it, asked afterwards; looks(): all that the mapper
-    would be given, without mapping; run and looks use the motion up: one of them, once.
+    would be given, without mapping; run and looks use the motion up: one of them, once;
+    chosen: settings that nobody set, with value and reason.
     """
 
     unit: str
@@ -71,6 +72,7 @@ class Job:
     notes: list[str]
     skipped: dict[str, list[str]]
     truth: Trajectory | None
+    chosen: dict[str, str] = field(default_factory=dict)
 
 
 def recording_job(

@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 
 from calibration.yamlfile import dump_yaml
-from mapping.grid import OccupancyGrid
+from mapping.grid import FREE, OCCUPIED, OccupancyGrid
 from pipeline.errors import InputError
 from pipeline.textfiles import read_fields
 
-# map_server's grey values and thresholds. 0.196 and not the usual 0.25: grey 205 is an
-# occupancy of 0.19608, which a larger threshold would turn from unknown into free.
+# map_server's grey values, and the thresholds by which it reads them; which cell gets which is said
+# by `OccupancyGrid.classes`. 0.196 and not the usual 0.25: grey 205 is an occupancy of 0.19608,
+# which a larger threshold would turn from unknown into free.
 OCCUPIED_GREY, UNKNOWN_GREY, FREE_GREY = 0, 205, 254
 OCCUPIED_THRESHOLD = 0.65
 FREE_THRESHOLD = 0.196
@@ -52,11 +53,11 @@ def write_npz(path: str | Path, grid: OccupancyGrid) -> None:
 def write_map_server(folder: str | Path, grid: OccupancyGrid, stem: str = "map") -> None:
     """Write `<stem>.pgm` and `<stem>.yaml` for ROS map_server (mode trinary)."""
     folder = Path(folder)
-    p = grid.probability
-    grey = np.full(p.shape, UNKNOWN_GREY, np.uint8)
-    grey[p > OCCUPIED_THRESHOLD] = OCCUPIED_GREY
-    grey[p < FREE_THRESHOLD] = FREE_GREY
-    header = f"P5\n{p.shape[1]} {p.shape[0]}\n255\n".encode("ascii")
+    classes = grid.classes
+    grey = np.full(classes.shape, UNKNOWN_GREY, np.uint8)
+    grey[classes == OCCUPIED] = OCCUPIED_GREY
+    grey[classes == FREE] = FREE_GREY
+    header = f"P5\n{grey.shape[1]} {grey.shape[0]}\n255\n".encode("ascii")
     # The image's first row is the map's last: images count downwards.
     (folder / f"{stem}.pgm").write_bytes(header + grey[::-1].tobytes())
     fields = {

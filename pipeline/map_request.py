@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -15,14 +16,16 @@ from calibration.yamlfile import YamlFileError, parse_yaml
 from mapping.known_map import KnownMap
 from pipeline.checkpoint import Checkpoint
 from pipeline.errors import InputError
+from pipeline.fitting import fitted
 from pipeline.job import Job, log_job, recording_job
 from pipeline.map_files import read_map
 from pipeline.recordings import open_input
 from pipeline.recordings.base import Recording
 from pipeline.recordings.scan_log import ScanLog
 from pipeline.recordings.tick_table import read_tick_table
+from pipeline.rig import choose_rig
 from pipeline.run_report.origin import Origin
-from pipeline.settings import Settings, as_yaml, check, load_settings
+from pipeline.settings import Settings, as_yaml, check, given_settings, sets_cell
 
 VERSIONS_OF = ("beemap", "numpy", "opencv-contrib-python-headless")
 SEED = 1  # unless given
@@ -71,8 +74,9 @@ def parse_begin(file: Path | None, pose: str | None) -> Begin | None:
 
 
 class MapRequest(msgspec.Struct, frozen=True):
-    """settings: as YAML, complete; None before the input was opened. digests: of the files beside
-    the input; versions: of what computes the observations."""
+    """settings: as YAML, complete; None before the input was opened. chosen: those that nobody set,
+    with the reason. digests: of the files beside the input; versions: of what computes the
+    observations."""
 
     input: str
     rig: str | None = None
@@ -82,6 +86,7 @@ class MapRequest(msgspec.Struct, frozen=True):
     ticks: Ticks | None = None
     begin: Begin | None = None
     settings: str | None = None
+    chosen: dict[str, str] = msgspec.field(default_factory=dict)
     digests: dict[str, str] = msgspec.field(default_factory=dict)
     versions: dict[str, str] = msgspec.field(default_factory=dict)
 
@@ -102,15 +107,29 @@ class MapRequest(msgspec.Struct, frozen=True):
                 Path(self.ticks.file), self.ticks.columns, self.ticks.unit, self.ticks.offset
             )
         suggested = opened.fitting if isinstance(opened, ScanLog) else None
+        given: dict[str, Any] = {}
         if self.settings is None:
-            settings = load_settings(settings_file, overrides, suggested)
+            given = given_settings(settings_file, overrides, suggested)
+            settings = check(given, "settings")
         else:
             settings = _stored(self.settings)
         begin = None if self.begin is None else self.begin.known()
+        chosen = self.chosen
+        if self.settings is None and isinstance(opened, Recording):
+            fitting_rig, _ = choose_rig(opened, rig)
+            settings, chosen = fitted(
+                settings,
+                not sets_cell(given),
+                opened,
+                fitting_rig,
+                self.motion,
+                self.seed,
+                begin,
+            )
         if isinstance(opened, ScanLog):
             return log_job(opened, settings, self.seed, begin), settings
         job = recording_job(opened, rig, self.motion, settings, self.seed, threads, begin)
-        return job, settings
+        return replace(job, chosen=chosen), settings
 
     def arguments(self) -> list[str]:
         """What `beemap map` was given beside settings and output."""
@@ -135,13 +154,14 @@ class MapRequest(msgspec.Struct, frozen=True):
         pairs = opened.pairs if isinstance(opened, Recording) else ()
         return Origin(output, Path(self.input), self.arguments(), rig, lambda: pairs)
 
-    def complete(self, settings: Settings) -> MapRequest:
-        """With all that a resumed run must find unchanged."""
+    def complete(self, settings: Settings, chosen: dict[str, str] | None = None) -> MapRequest:
+        """With all that a resumed run must find unchanged; chosen: as of the job."""
         return msgspec.structs.replace(
             self,
             input=str(Path(self.input).resolve()),
             rig=None if self.rig is None else str(Path(self.rig).resolve()),
             settings=as_yaml(settings),
+            chosen=chosen or {},
             digests={file: _digest(file) for file in self._files},
             versions={name: version(name) for name in VERSIONS_OF},
         )
@@ -174,7 +194,7 @@ class MapRequest(msgspec.Struct, frozen=True):
             "input": self.input,
             **job.facts(),
             "seed": self.seed,
-            "request": self.complete(settings).told(),
+            "request": self.complete(settings, job.chosen).told(),
             "notes": job.notes,
             "threads": threads,
             "recording": job.skipped,

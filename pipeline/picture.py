@@ -8,7 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from mapping.grid import OccupancyGrid
+from mapping.grid import FREE, OCCUPIED, OccupancyGrid
 
 LONG_SIDE = 1400  # of the map in the picture [px]
 MARGIN = 24
@@ -17,8 +17,6 @@ FOOTER = 84
 PAPER = (255, 255, 255)
 UNKNOWN = (226, 222, 218)
 WALL = (48, 36, 28)
-# What is rather free than not must look lighter than unknown, and what is decided must stand out.
-SHADE_OF_P = ([0.0, 0.2, 0.5, 0.65, 1.0], [0.0, 0.02, 0.07, 0.6, 1.0])  # share of WALL in PAPER
 INK = (60, 50, 44)
 PATH = (200, 120, 30)
 START = (70, 150, 40)
@@ -35,9 +33,8 @@ def draw_map(
     caption: str,
     places: Sequence[Mapping[str, Any]] = (),
 ) -> np.ndarray:
-    """The map (H, W, 3) uint8 BGR with the path (n, 3), the particles' last poses, places by
-    `name`, `x`, `y`, and a scale."""
-    grid = _around_path(grid, path)
+    """A picture (H, W, 3) uint8 BGR of the three classes of the map's cells with the path (n, 3),
+    which lies in it, the particles' last poses, places by `name`, `x`, `y`, and a scale."""
     height, width = grid.probability.shape
     zoom = int(np.clip(LONG_SIDE // max(height, width), 1, 16))
     canvas = np.full((height * zoom + FOOTER + 2 * MARGIN, _width(width * zoom), 3), 255, np.uint8)
@@ -72,23 +69,8 @@ def draw_map(
     return canvas
 
 
-def _around_path(grid: OccupancyGrid, path: np.ndarray) -> OccupancyGrid:
-    """The map with an unknown margin where the path leaves it."""
-    if not len(path):
-        return grid
-    height, width = grid.probability.shape
-    cells = np.floor((path[:, :2] - grid.origin) / grid.cell).astype(int)
-    left, bottom = np.maximum(-cells.min(axis=0), 0)
-    right, top = np.maximum(cells.max(axis=0) + 1 - (width, height), 0)
-    return OccupancyGrid(
-        np.pad(grid.probability, ((bottom, top), (left, right)), constant_values=np.nan),
-        (grid.origin[0] - left * grid.cell, grid.origin[1] - bottom * grid.cell),
-        grid.cell,
-    )
-
-
 def _width(map_width: int) -> int:
-    return max(map_width + 2 * MARGIN, 900)
+    return max(map_width + 2 * MARGIN, 1100)  # the legend takes as much
 
 
 def _xy(point: np.ndarray) -> tuple[int, int]:
@@ -96,9 +78,10 @@ def _xy(point: np.ndarray) -> tuple[int, int]:
 
 
 def _colours(grid: OccupancyGrid) -> np.ndarray:
-    wall = np.interp(np.nan_to_num(grid.probability, nan=0.5), *SHADE_OF_P)[..., None]
-    shade = PAPER + (np.array(WALL) - PAPER) * wall
-    return np.where(np.isnan(grid.probability)[..., None], UNKNOWN, shade).astype(np.uint8)
+    classes = grid.classes
+    colours = np.full((*classes.shape, 3), UNKNOWN, np.uint8)
+    colours[classes == FREE], colours[classes == OCCUPIED] = PAPER, WALL
+    return colours
 
 
 def _footer(canvas: np.ndarray, metres_per_pixel: float, top: int, caption: str) -> None:
@@ -117,9 +100,12 @@ def _footer(canvas: np.ndarray, metres_per_pixel: float, top: int, caption: str)
         (END, "end"),
         (PARTICLE, "particles at the end"),
         (WALL, "obstacle"),
+        (PAPER, "free"),
         (UNKNOWN, "unknown"),
     ):
         cv2.rectangle(canvas, (x, y - 9), (x + 16, y + 7), colour, -1)
+        if colour == PAPER:
+            cv2.rectangle(canvas, (x, y - 9), (x + 16, y + 7), INK, 1)
         cv2.putText(canvas, name, (x + 24, y + 5), FONT, 0.5, INK, 1, cv2.LINE_AA)
         x += 40 + cv2.getTextSize(name, FONT, 0.5, 1)[0][0] + 14
     cv2.putText(canvas, caption, (MARGIN, y + 42), FONT, 0.5, INK, 1, cv2.LINE_AA)

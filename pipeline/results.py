@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 
 from mapping.clouds import VOXEL, map_points, write_ply
-from mapping.grid import OccupancyGrid
+from mapping.grid import FREE, OCCUPIED, OccupancyGrid
 from odometry.motion import compose
 from pipeline.health.run_health import RunHealth
 from pipeline.map_files import write_map_server, write_npz
@@ -169,7 +169,6 @@ def _health(run: MapRun) -> str:
 def _summary(
     run: MapRun, grid: OccupancyGrid, path: np.ndarray, facts: dict[str, Any], health: RunHealth
 ) -> dict[str, Any]:
-    known = ~np.isnan(grid.probability)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return {
         **facts,
@@ -179,7 +178,8 @@ def _summary(
         "skipped": run.skipped,
         "local_maps": len(run.mapper.filter.health),
         "path_m": round(_length(path), 3),
-        "known_m2": round(float(known.sum()) * grid.cell**2, 2),
+        "free_m2": round(grid.area(FREE), 2),
+        "occupied_m2": round(grid.area(OCCUPIED), 2),
         "seconds": {stage: round(seconds, 3) for stage, seconds in run.seconds.items()},
         # ru_maxrss counts kilobytes on Linux, bytes on macOS.
         "peak_memory_mb": round(peak / (1e6 if sys.platform == "darwin" else 1e3), 1),

@@ -30,6 +30,10 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     mapping: MappingSettings = msgspec.field(default_factory=MappingSettings)
 
 
+# Where nobody sets it, or sets it to null, the input decides (`pipeline.fitting`).
+CELL = ("mapping", "cell")
+
+
 def load_settings(
     path: Path | None,
     overrides: tuple[str, ...] = (),
@@ -40,6 +44,21 @@ def load_settings(
     Raises:
         InputError: an unknown or ill-typed key; names it, where it stands and what is allowed.
     """
+    return check(given_settings(path, overrides, suggested), "settings")
+
+
+def sets_cell(data: dict[str, Any]) -> bool:
+    """Whether given settings say how large the cells are."""
+    stage, key = CELL
+    return (data.get(stage) or {}).get(key) is not None
+
+
+def given_settings(
+    path: Path | None,
+    overrides: tuple[str, ...] = (),
+    suggested: dict[str, dict[str, Any]] | None = None,
+) -> dict[str, Any]:
+    """What `load_settings` puts in place of defaults: stage -> key -> value. Raises as it does."""
     data: Any = suggested or {}
     if path is not None:
         try:
@@ -63,7 +82,7 @@ def load_settings(
             raise InputError(str(error)) from None
         data = {**data, stage: {**(data.get(stage) or {}), name: value}}
         check(data, where)
-    return check(data, "settings")
+    return data
 
 
 def check(data: Any, source: str) -> Settings:
@@ -84,7 +103,10 @@ def check(data: Any, source: str) -> Settings:
                 )
             if _not_finite(value):
                 raise InputError(f"{source}: {stage}.{key} is {value!r}: expected a number")
-    data = {stage: values or {} for stage, values in data.items()}
+    data = {
+        stage: {k: v for k, v in (values or {}).items() if v is not None or (stage, k) != CELL}
+        for stage, values in data.items()
+    }
     try:
         return msgspec.convert(data, Settings)
     except msgspec.ValidationError as error:
@@ -108,6 +130,14 @@ def as_yaml(settings: Settings) -> str:
     return dump_yaml(msgspec.to_builtins(settings))
 
 
+def defaults_as_yaml() -> str:
+    """A file that sets nothing."""
+    data = msgspec.to_builtins(Settings())
+    stage, key = CELL
+    data[stage][key] = None
+    return dump_yaml(data)
+
+
 def described() -> Iterator[tuple[str, Any, str, str]]:
     """(stage.key, default, unit, meaning) of every setting."""
     for stage, struct in typing.get_type_hints(Settings).items():
@@ -115,4 +145,5 @@ def described() -> Iterator[tuple[str, Any, str, str]]:
         for field in msgspec.structs.fields(struct):
             for meta in getattr(hints[field.name], "__metadata__", ()):
                 unit = (meta.extra or {}).get("unit", "")
-                yield f"{stage}.{field.name}", field.default, unit, meta.description or ""
+                default = None if (stage, field.name) == CELL else field.default
+                yield f"{stage}.{field.name}", default, unit, meta.description or ""

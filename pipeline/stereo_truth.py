@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
-from mapping.grid import OccupancyGrid
+from mapping.grid import OCCUPIED, OccupancyGrid
 from odometry.motion import compose
 from pipeline.errors import InputError
-from pipeline.map_files import OCCUPIED_THRESHOLD, read_map
+from pipeline.map_files import read_map
 from pipeline.recordings.base import Recording
 from pipeline.trajectory import read_tum
 from simulation.grid_caster import cast
@@ -109,7 +109,7 @@ class MappedTruth:
     def __init__(self, run: Path):
         grid = _bordered(read_map(run))
         self._grid = grid
-        self._solid = grid.probability > OCCUPIED_THRESHOLD
+        self._solid = grid.classes == OCCUPIED
         self._blocked = self._solid | np.isnan(grid.probability)
         path = read_tum(run / "trajectory.tum")
         self._pose = dict(zip(path.stamps.tolist(), path.poses, strict=True))

@@ -53,7 +53,8 @@ def test_each_recording_gets_a_result_and_one_that_fails_stops_no_other(recordin
         assert (line["state"], line["recording"]) == ("mapped", str(recordings / name))
         assert int(line["pairs"]) == run["counts"]["pairs used"] == pairs
         assert float(line["path_m"]) == pytest.approx(run["path_m"])
-        assert float(line["known_m2"]) == pytest.approx(run["known_m2"])
+        assert float(line["free_m2"]) == pytest.approx(run["free_m2"])
+        assert float(line["occupied_m2"]) == pytest.approx(run["occupied_m2"])
         assert int(line["local_maps"]) == run["local_maps"] > 1
         assert 0.0 < float(line["ate_m"]) < 0.2
 
@@ -70,7 +71,7 @@ def test_the_table_and_the_page_show_every_recording(batch):
     folder, _ = batch
     table = (folder / "table.md").read_text()
     assert table.startswith("# 3 recordings: 2 mapped, 1 failed\n")
-    assert "| broken | - | - | - | - | failed | - | - |" in table
+    assert "| broken | - | - | - | - | - | failed | - | - |" in table
     assert "| hall | 27 | " in table
     assert "- broken: failed: " in table
     page = (folder / "index.html").read_text()

@@ -16,7 +16,7 @@ from pipeline.errors import InputError
 from pipeline.map_files import read_map, write_map_server, write_npz
 
 NAN = math.nan
-ROWS = [[0.0, 0.1, 0.19], [0.196, 0.5, 0.65], [0.66, 1.0, NAN]]
+ROWS = [[0.0, 0.1, 0.34], [0.35, 0.5, 0.65], [0.66, 1.0, NAN]]
 SMALL = OccupancyGrid(np.array(ROWS, np.float32), (-1.25, 0.5), 0.05)
 
 cells = st.one_of(st.just(NAN), st.floats(0.0, 1.0, width=32))
@@ -42,7 +42,7 @@ def test_map_server_round_trip_keeps_the_three_classes(tmp_path_factory, probabi
     grid = read_map(folder / "round.yaml")
     expected = np.full(probability.shape, NAN)
     expected[probability > 0.65] = 1.0
-    expected[probability < 0.196] = 0.0
+    expected[probability < 0.35] = 0.0
     assert np.array_equal(grid.probability, expected, equal_nan=True)
     assert grid.origin == (0.1, -2.0)
     assert grid.cell == 0.05

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -10,16 +11,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from mapping.grid import OccupancyGrid
-from pipeline.map_files import FREE_THRESHOLD, OCCUPIED_THRESHOLD, write_map_server
+from mapping.grid import FREE_BELOW, OCCUPIED_ABOVE, OccupancyGrid
+from pipeline.map_files import read_map, write_map_server
+from pipeline.picture import LONG_SIDE, MARGIN, PAPER, UNKNOWN, WALL, draw_map
+from pipeline.run_report.map_view import _picture
+from pipeline.trajectory import read_tum
 from tests import nav2_map
 
 
 def expected(probability: np.ndarray) -> np.ndarray:
     """What a cell of that probability is for a planner; what nobody knows stays unknown."""
     cells = np.full(probability.shape, -1)
-    cells[probability > OCCUPIED_THRESHOLD] = 100
-    cells[probability < FREE_THRESHOLD] = 0
+    cells[probability > OCCUPIED_ABOVE] = 100
+    cells[probability < FREE_BELOW] = 0
     return cells
 
 
@@ -39,6 +43,39 @@ def test_the_map_of_a_run(office_run):
         assert (expected(probability) == value).any()
     x, y = kept["origin"].tolist()
     check(office_run / "map.yaml", probability, (x, y), float(kept["cell"]))
+
+
+def test_a_planner_can_start_from_every_pose_of_the_run(office_run):
+    """The track of the office's wheels is 0.3 m: so wide the way that was driven is free."""
+    found = nav2_map.load(office_run / "map.yaml")
+    data = np.array(found.data).reshape(found.height, found.width)
+    poses = read_tum(office_run / "trajectory.tum").poses
+    for aside in (-0.11, 0.0, 0.11):
+        to_left = np.stack([-np.sin(poses[:, 2]), np.cos(poses[:, 2])], axis=1)
+        x, y = ((poses[:, :2] + aside * to_left - found.origin[:2]) / found.resolution).T
+        assert (data[np.floor(y).astype(int), np.floor(x).astype(int)] == 0).all()
+
+
+def test_the_picture_shows_the_classes_of_the_planner(office_run):
+    grid = read_map(office_run)
+    nobody = np.empty((0, 3))
+    picture = draw_map(grid, nobody, nobody, "")
+    found = nav2_map.load(office_run / "map.yaml")
+    data = np.array(found.data).reshape(found.height, found.width)[::-1]
+    zoom = max(1, min(16, LONG_SIDE // max(data.shape)))
+    left = (picture.shape[1] - zoom * data.shape[1]) // 2
+    rows = MARGIN + zoom // 2 + zoom * np.arange(data.shape[0])
+    columns = left + zoom // 2 + zoom * np.arange(data.shape[1])
+    shown = picture[rows[:, None], columns]
+    report = _picture(grid)
+    for value, colour in ((0, PAPER), (100, WALL), (-1, UNKNOWN)):
+        assert ((shown == colour).all(axis=2) == (data == value)).all()
+        if value >= 0:
+            assert ((report == (*colour, 255)).all(axis=2) == (data == value)).all()
+    summary = json.loads((office_run / "run.json").read_text())
+    area = found.resolution**2
+    assert summary["free_m2"] == pytest.approx((data == 0).sum() * area, abs=0.01)
+    assert summary["occupied_m2"] == pytest.approx((data == 100).sum() * area, abs=0.01)
 
 
 @settings(max_examples=40)

@@ -126,7 +126,7 @@ def test_its_numbers_are_those_of_the_other_files(run, page, facts):
     assert page.count["circle"] == len(judged)
     for told in (
         f"{facts['path_m']:.1f} m of path",
-        f"{facts['known_m2']:.1f} m² mapped",
+        f"mapped: {facts['free_m2']:.1f} m² free, {facts['occupied_m2']:.1f} m² occupied",
         f"{facts['counts']['pairs used']} pairs",
         facts["verdict"]["word"],
         facts["verdict"]["why"][1:],

@@ -16,7 +16,7 @@ import pytest
 pytest.importorskip("uvicorn", reason="the extra 'web' is not installed")
 
 from calibration.rig import CameraModel, minibee
-from mapping.grid import OccupancyGrid
+from mapping.grid import OCCUPIED, UNKNOWN, OccupancyGrid
 from mapping.settings import MappingSettings
 from odometry.motion import compose
 from pipeline import extras
@@ -111,11 +111,7 @@ def test_a_replay_shows_the_run_and_ends_as_the_run(office_piece, tmp_path, beem
     assert shown["origin"] == pytest.approx(grid.origin)
     assert [p["name"] for p in shown["places"]] == ["the door"]
     codes = np.frombuffer(zlib.decompress(topics["map"][-1].blob), np.uint8)
-    unknown = np.isnan(grid.probability).ravel()
-    assert np.array_equal(codes == run_pictures.NOBODY_KNOWS, unknown)
-    assert codes[~unknown] / run_pictures.CERTAIN == pytest.approx(
-        grid.probability.ravel()[~unknown], abs=1 / run_pictures.CERTAIN
-    )
+    assert np.array_equal(codes.view(np.int8), grid.classes.ravel())
     assert topics["pose"][-1].values["pose"] == pytest.approx(path.poses[-1], abs=1e-3)
     ends = np.frombuffer(topics["path"][-1].blob, np.float32).reshape(-1, 2)[[0, -1]]
     assert ends == pytest.approx(path.poses[[0, -1], :2], abs=1e-3)
@@ -239,8 +235,8 @@ def test_a_large_map_is_sent_coarser_and_loses_no_obstacle():
     codes, cell = run_pictures.cells(OccupancyGrid(p, (0.0, 0.0), 0.05))
     assert cell == pytest.approx(0.15)
     assert max(codes.shape) <= run_pictures.MOST_CELLS
-    assert codes[7 // 3, 1234 // 3] == 190
-    assert (codes[:, 1001:] == run_pictures.NOBODY_KNOWS).all()
+    assert codes[7 // 3, 1234 // 3] == OCCUPIED
+    assert (codes[:, 1001:].view(np.int8) == UNKNOWN).all()
 
 
 def test_a_long_path_is_sent_thinned():

@@ -22,14 +22,15 @@ HEADER = (
     "recording",
     "pairs",
     "path [m]",
-    "area [m2]",
+    "free [m2]",
+    "occupied [m2]",
     "local maps",
     "map",
     "ATE [m]",
     "seconds",
 )
 LEGEND = (
-    "Pairs: with a pose (of scan logs: scans). Area: of the cells that are known. Map: the verdict "
+    "Pairs: with a pose (of scan logs: scans). Free, occupied: areas of the map. Map: the verdict "
     "of its report, from what the run measured of itself. ATE: RMSE to the recording's truth after "
     "SE(2) alignment, where it holds one. Seconds: as they were when it was mapped, with the "
     "others beside it."
@@ -61,7 +62,8 @@ def cells(row: Row) -> list[str]:
         row.name,
         _number(row.pairs, 0),
         _number(row.path_m, 1),
-        _number(row.known_m2, 1),
+        _number(row.free_m2, 1),
+        _number(row.occupied_m2, 1),
         _number(row.local_maps, 0),
         row.verdict or row.state,
         _number(row.ate_m, 3),

@@ -17,7 +17,7 @@ class Row(msgspec.Struct, frozen=True):
     """A recording and what became of it.
 
     name: of its result folder; why: it failed; verdict: of its map; remarks: what asks for
-    something, one line each; path_m: length of the path; known_m2: area of the map's known cells;
+    something, one line each; path_m: length of the path; free_m2, occupied_m2: areas of the map;
     ate_m: RMSE against the truth after SE(2) alignment, where there is one; seconds: it took.
     """
 
@@ -27,7 +27,8 @@ class Row(msgspec.Struct, frozen=True):
     why: str = ""
     pairs: int | None = None
     path_m: float | None = None
-    known_m2: float | None = None
+    free_m2: float | None = None
+    occupied_m2: float | None = None
     local_maps: int | None = None
     verdict: Literal["", "good", "doubtful", "broken"] = ""
     ate_m: float | None = None
@@ -46,7 +47,8 @@ def mapped_row(given: Input, folder: Path) -> Row:
         "mapped",
         pairs=counts.get("pairs used") or counts.get("scans used"),
         path_m=run["path_m"],
-        known_m2=run["known_m2"],
+        free_m2=run.get("free_m2"),  # unknown to older versions
+        occupied_m2=run.get("occupied_m2"),
         local_maps=run["local_maps"],
         verdict=run["verdict"]["word"],
         ate_m=_ate(folder),

@@ -81,11 +81,12 @@ def live_command(
     from pipeline.commands.libraries import use_threads
     from pipeline.commands.live_screen import Screen, until_interrupted
     from pipeline.commands.record import check_new
+    from pipeline.fitting import fitted_live
     from pipeline.live.devices import load_live_rig
     from pipeline.live.events import EventLines
     from pipeline.live.live_run import LiveOptions, begin_output, live_run
     from pipeline.map_request import MapRequest, parse_begin
-    from pipeline.settings import load_settings
+    from pipeline.settings import check, given_settings, sets_cell
     from pipeline.watcher import NOBODY
 
     check_web(web, host, port)
@@ -95,9 +96,16 @@ def live_command(
         motion = "visual" if rig.parameters is None else "encoders"
     elif motion != "visual":
         rig.wheels()
-    settings = load_settings(settings_file, overrides)
+    given = given_settings(settings_file, overrides)
     begin = parse_begin(known_map, pose)
     known_grid = None if begin is None else begin.known()
+    settings, chosen = fitted_live(
+        check(given, "settings"),
+        not sets_cell(given),
+        rig.source.calibrated(),
+        rig.parameters,
+        known_grid,
+    )
     if recording is not None:
         check_new(recording)
     use_threads(threads or os.cpu_count() or 1)
@@ -108,13 +116,15 @@ def live_command(
     screen = Screen(quiet)
     if rig.parameters is None:
         screen.tell(f"{rig_file}: names no encoders: motion is found from the images")
+    for setting, reason in chosen.items():
+        screen.tell(f"{setting}: {reason}")
     name = output.resolve().name
     try:
         with until_interrupted() as stop, watched(web, host, port, name, output, stop) as page:
             begin_output(output, force, facts)
             # What mapping the recording offline would be asked for: `map --resume` goes on so.
             asked = MapRequest(str(place), motion=motion, seed=seed, begin=begin)
-            asked = asked.complete(settings)
+            asked = asked.complete(settings, chosen)
             facts["request"] = asked.told()
             known = Checkpoint.start(output / "checkpoint", msgspec.to_builtins(asked))
             screen.page = page
@@ -142,7 +152,8 @@ def _tell(output: Path, place: Path, summary: dict[str, Any]) -> None:
     click.echo(
         f"{counts.get('pairs used', 0)} pairs mapped, {summary['pairs_skipped']} skipped, "
         f"{counts.get('observations', 0)} observations, {summary['local_maps']} local maps, "
-        f"{summary['path_m']:.1f} m of path, {summary['known_m2']:.1f} m2",
+        f"{summary['path_m']:.1f} m of path, "
+        f"mapped: {summary['free_m2']:.1f} m2 free, {summary['occupied_m2']:.1f} m2 occupied",
         err=True,
     )
     if poses and maps:

@@ -132,7 +132,7 @@ def map_command(
     rig_name = str(rig) if rig else None
     request = MapRequest(str(recording), rig_name, motion, fps, seed, table, begin)
     job, settings = request.prepare(settings_file, overrides, threads)
-    asked = request.complete(settings)
+    asked = request.complete(settings, job.chosen)
     with Checkpoint.start(checkpoint_of(output), msgspec.to_builtins(asked)) as checkpoint:
         _map(request, job, settings, checkpoint, output, threads, force, quiet)
 
@@ -155,6 +155,8 @@ def _map(
     if not quiet:
         for note in job.notes:
             click.echo(f"note: {note}", err=True)
+        for setting, reason in job.chosen.items():
+            click.echo(f"{setting}: {reason}", err=True)
         if known := len(checkpoint):
             click.echo(f"goes on after {known} observations", err=True)
     open3d = Open3DLoading()
@@ -230,7 +232,8 @@ def _print_summary(
     click.echo(
         f"{run.used} {job.unit}, {run.counts['observations']} observations, "
         f"{summary['local_maps']} local maps, {summary['path_m']:.1f} m of path, "
-        f"{summary['known_m2']:.1f} m2 mapped in {seconds:.1f} s "
+        f"mapped: {summary['free_m2']:.1f} m2 free, {summary['occupied_m2']:.1f} m2 occupied, "
+        f"in {seconds:.1f} s "
         f"({1000 * seconds / max(run.used, 1):.1f} ms a {job.unit.removesuffix('s')})"
     )
     for reasons in (job.skipped, run.skipped):

@@ -12,10 +12,10 @@ def settings_command(as_file: bool) -> None:
 
     Change one with --set stage.key=value, or several in a YAML file given with --settings.
     """
-    from pipeline.settings import Settings, as_yaml, described
+    from pipeline.settings import defaults_as_yaml, described
 
     if as_file:
-        click.echo(as_yaml(Settings()), nl=False)
+        click.echo(defaults_as_yaml(), nl=False)
         return
     rows = [
         (name, "auto" if default is None else str(default), unit, meaning)

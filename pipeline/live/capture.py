@@ -86,9 +86,14 @@ class Session:
 
 @contextmanager
 def capture(
-    rig: LiveRig, folder: Path, settings: OdometrySettings, tell: Tell
+    rig: LiveRig,
+    folder: Path,
+    settings: OdometrySettings,
+    tell: Tell,
+    cell: float | None = None,
 ) -> Iterator[Session]:
     """Open all devices, and a recording at `folder`, which must not hold anything yet.
+    cell: of the map that is made meanwhile [m].
 
     Raises:
         CameraError, OdometryError: a device cannot be opened; InputError: the folder cannot be
@@ -99,7 +104,7 @@ def capture(
     try:
         folder.mkdir(parents=True, exist_ok=True)
         stereo = rig.cameras.stereo is not None
-        files = RecordingFiles(folder, rig.source, rig.cameras.fps, stereo, wheels)
+        files = RecordingFiles(folder, rig.source, rig.cameras.fps, stereo, wheels, cell)
     except OSError as error:
         raise InputError(f"{folder}: cannot be written ({error.strerror})") from None
     recorder = Recorder(files, tell)

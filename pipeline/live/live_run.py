@@ -27,6 +27,7 @@ from mapping.known_map import KnownMap
 from odometry.live import LiveOdometry
 from pipeline.checkpoint import NOTHING, Observations
 from pipeline.errors import InputError
+from pipeline.fitting import with_body
 from pipeline.folders import check_target, replace_files
 from pipeline.live.capture import Session, capture
 from pipeline.live.devices import LiveRig
@@ -99,14 +100,14 @@ def live_run(
         from calibration.rig import Mount
 
         stereo_rig = stereo_rig.with_mount(Mount())
-    settings, watcher = options.settings, options.watcher
+    settings, watcher = with_body(options.settings, stereo_rig, rig.parameters), options.watcher
 
     def saved(event: MapEvent) -> None:
         on_map(event)
         watcher.saved(event)
 
     warm_up(stereo_rig, settings, looks=options.motion in LOOKING)
-    with capture(rig, recording, settings.odometry, tell) as session:
+    with capture(rig, recording, settings.odometry, tell, settings.mapping.cell) as session:
         saver = MapSaver(output, saved)
         motion = _motion(rig, stereo_rig, session, options)
         mapper = LiveMapper(

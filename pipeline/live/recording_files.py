@@ -23,7 +23,7 @@ from odometry.counters import TickReading
 from odometry.tick_log import HEADER as TICKS_HEADER
 from odometry.tick_log import tick_lines
 from pipeline.recordings.asl_writer import IMAGE_HEADER
-from pipeline.recordings.recorded_rig import RIG_FILE, marked
+from pipeline.recordings.recorded_rig import META_FILE, RIG_FILE, marked
 from stereo.camera import CapturedPair, Frame
 
 SKEW_HEADER = "#timestamp [ns],right - left [ns]"
@@ -35,6 +35,7 @@ class RecordingFiles:
     """Writes `folder`, which exists and is empty. Used by one thread; `sync` by another.
 
     stereo: one camera sends both images side by side. encoders: what stands in their sensor.yaml.
+    cell: of the map that is made meanwhile [m].
 
     Raises OSError where it cannot be written.
     """
@@ -46,6 +47,7 @@ class RecordingFiles:
         rate: float,
         stereo: bool,
         encoders: dict[str, Any] | None,
+        cell: float | None = None,
     ) -> None:
         self.folder = folder
         self.root = folder / "mav0"
@@ -55,7 +57,8 @@ class RecordingFiles:
         self._lock = threading.Lock()
         (folder / RIG_FILE).write_text(marked(source.text), encoding="utf-8")
         made = {"beemap": version("beemap"), "devices": source.devices}
-        (folder / "meta.json").write_text(json.dumps(made, indent=2, default=str) + "\n")
+        made |= {} if cell is None else {"cell": cell}
+        (folder / META_FILE).write_text(json.dumps(made, indent=2, default=str) + "\n")
         for camera in self.cameras:
             (self.root / camera / "data").mkdir(parents=True)
             self._begin(self.root / camera / "data.csv", IMAGE_HEADER + "\n")

@@ -35,7 +35,12 @@ from pipeline.recordings.base import (
     Recording,
     match_pairs,
 )
-from pipeline.recordings.recorded_rig import RIG_FILE, load_recorded_rig
+from pipeline.recordings.recorded_rig import (
+    META_FILE,
+    RIG_FILE,
+    load_recorded_rig,
+    mapped_cell,
+)
 from pipeline.textfiles import ends_whole, read_fields, read_lines
 from pipeline.trajectory import Trajectory
 
@@ -66,6 +71,7 @@ def read(path: Path) -> Recording:
     _add_rig(recording, root, robot_frame)
     if robot_frame:
         _add_ticks(recording, root / "odom0")
+    recording.cell = mapped_cell(root.parent / META_FILE)
     odometry = root / "odometry0" / "data.csv"
     if odometry.is_file():
         recording.odometry = _odometry(odometry, recording)

@@ -145,7 +145,8 @@ class HalvedPair:
 class Recording:
     """A recording opened: lists and small tables, no images.
 
-    odometry: dead reckoning that was kept as poses; poses: the truth, or nearly so.
+    odometry: dead reckoning that was kept as poses; poses: the truth, or nearly so. cell: side of
+    the cells of the map that was made while it was recorded [m].
     skipped: names of frames or lines that were passed over, by reason.
     """
 
@@ -159,6 +160,7 @@ class Recording:
     odometry: Trajectory | None = None
     poses: Trajectory | None = None
     poses_source: str = ""
+    cell: float | None = None
     skipped: dict[str, list[str]] = field(default_factory=dict)
 
     def skip(self, reason: str, names: Iterable[str]) -> None:

@@ -1,17 +1,20 @@
-"""The rig file that lies in a recording: a copy of the one it was made with, marked at its end.
+"""What lies beside the images of a recording: the rig file, and what it was made with.
 
-A rig file that was cut short can still be valid YAML with another meaning (pitch 12.5 -> 1):
-the copy counts only with YAML's mark of a document's end.
+The rig file is a copy of the one it was made with, marked at its end. One that was cut short can
+still be valid YAML with another meaning (pitch 12.5 -> 1): the copy counts only with YAML's mark of
+a document's end.
 """
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 from calibration.rig import RigError, StereoRig, load_rig
 from calibration.yamlfile import YamlFileError, read_text
 
 RIG_FILE = "rig.yaml"
+META_FILE = "meta.json"
 END = "\n...\n"
 
 
@@ -33,3 +36,13 @@ def load_recorded_rig(path: Path) -> StereoRig:
     if not whole:
         raise RigError(f"{path}: cut short (no '...' at its end)")
     return load_rig(path)
+
+
+def mapped_cell(path: Path) -> float | None:
+    """Side of the cells [m] of the map that was made meanwhile, of a recording's META_FILE; None:
+    none was, or it does not say."""
+    try:
+        cell = json.loads(path.read_bytes())["cell"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+    return float(cell) if isinstance(cell, int | float) and 0.0 < cell < float("inf") else None

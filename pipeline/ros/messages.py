@@ -9,7 +9,6 @@ import numpy as np
 
 from mapping.grid import OccupancyGrid
 from odometry.motion import Motion
-from pipeline.map_files import FREE_THRESHOLD, OCCUPIED_THRESHOLD
 from pipeline.ros.frames import quaternion_of
 from pipeline.ros.types import COMPRESSED, GRID, ODOMETRY, PATH, SCAN, TF
 from stereo.scan import RangeScan
@@ -32,16 +31,13 @@ def header(make: Make, stamp: int, frame: str) -> Any:
 
 def grid_message(make: Make, stamp: int, grid: OccupancyGrid) -> Any:
     """What map_server publishes of map.yaml: 0 free, 100 occupied, -1 unknown or undecided."""
-    p = grid.probability
-    cells = np.full(p.shape, -1, np.int8)
-    cells[p > OCCUPIED_THRESHOLD] = 100
-    cells[p < FREE_THRESHOLD] = 0
+    cells = grid.classes
     info = make(
         "nav_msgs/msg/MapMetaData",
         map_load_time=_time(make, stamp),
         resolution=float(grid.cell),
-        width=p.shape[1],
-        height=p.shape[0],
+        width=cells.shape[1],
+        height=cells.shape[0],
         origin=_pose(make, np.array([*grid.origin, 0.0])),
     )
     return make(GRID, header=header(make, stamp, MAP), info=info, data=cells.ravel())

@@ -11,15 +11,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mapping.grid import OccupancyGrid
+from mapping.grid import FREE, OCCUPIED, OccupancyGrid, coarser
 from pipeline.pages.render import png_uri
 from pipeline.pages.svg import round_steps, way
-from pipeline.picture import SHADE_OF_P
+from pipeline.picture import PAPER, WALL
 from pipeline.places import Place
 
 MOST_CELLS = 1500  # along a side of the picture; of larger maps several cells are one
 MARGIN = 0.03  # around map and path, as a share of the longer side
-FREE, WALL = 255, (48, 36, 28)  # BGR
 SCALE = 0.3  # longest scale bar, as a share of the width
 LENGTHS = (200, 100, 50, 20, 10, 5, 2, 1, 0.5, 0.2, 0.1)  # of scale bars [m]
 MARKS = 8  # along the path
@@ -139,16 +138,8 @@ def _joined(marks: Sequence[Mark]) -> list[Mark]:
 
 def _picture(grid: OccupancyGrid) -> np.ndarray:
     """The cells (H, W, 4) uint8 BGRA, the highest y above; the page shows through the unknown."""
-    p = grid.probability
-    factor = -(-max(p.shape) // MOST_CELLS)
-    if factor > 1:
-        # Of several cells the one that is most an obstacle: thin walls stay.
-        pad = [(0, -side % factor) for side in p.shape]
-        blocks = np.pad(np.nan_to_num(p, nan=-1.0), pad, constant_values=-1.0)
-        rows, columns = (side // factor for side in blocks.shape)
-        blocks = blocks.reshape(rows, factor, columns, factor).max(axis=(1, 3))
-        p = np.where(blocks < 0.0, np.nan, blocks)
-    wall = np.interp(np.nan_to_num(p, nan=0.0), *SHADE_OF_P)[..., None]
-    colour = FREE + (np.array(WALL) - FREE) * wall
-    known = np.where(np.isnan(p), 0, 255)[..., None]
-    return np.concatenate([colour, known], axis=2).round().astype(np.uint8)[::-1]
+    classes = coarser(grid.classes, -(-max(grid.probability.shape) // MOST_CELLS))
+    picture = np.zeros((*classes.shape, 4), np.uint8)
+    picture[classes == FREE] = (*PAPER, 255)
+    picture[classes == OCCUPIED] = (*WALL, 255)
+    return picture[::-1]

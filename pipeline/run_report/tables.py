@@ -47,6 +47,7 @@ class Stage:
 def facts_rows(summary: Mapping[str, Any], cell: float) -> list[tuple[str, str]]:
     """What was mapped, as names and values; summary: the content of run.json."""
     counts = summary["counts"]
+    chosen = summary.get("request", {}).get("chosen", {})
     unit = "scans" if "scans used" in counts else "pairs"
     rows = [
         ("input", f"{summary.get('input', '')} ({summary.get('format', 'unknown')})"),
@@ -56,7 +57,8 @@ def facts_rows(summary: Mapping[str, Any], cell: float) -> list[tuple[str, str]]
         ("observations", counts.get("observations", 0)),
         ("local maps", summary["local_maps"]),
         ("path", f"{summary['path_m']:.1f} m"),
-        ("mapped", f"{summary['known_m2']:.1f} m² in cells of {1000 * cell:g} mm"),
+        ("mapped", f"{summary['free_m2']:.1f} m² free, {summary['occupied_m2']:.1f} m² occupied"),
+        ("cells", chosen.get("mapping.cell") or f"{cell:g} m, as set"),
         ("seed", summary.get("seed")),
         ("memory", f"{summary['peak_memory_mb']:.0f} MB at most"),
         ("beemap", f"{summary['versions']['beemap']}, Python {summary['python']}"),

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import rerun as rr
 
-from mapping.grid import OccupancyGrid
+from mapping.grid import OCCUPIED, UNKNOWN, OccupancyGrid, coarser
 from mapping.local_map import LocalMap
 from mapping.sensor_model import probability
 from odometry.motion import placed
@@ -23,19 +23,17 @@ LONGEST = 400
 PATH, TRUTH, ODOMETRY = (30, 120, 200), (70, 150, 40), (150, 150, 150)  # RGB
 PARTICLE, HIT, ROBOT = (250, 150, 60), (210, 50, 50), (60, 60, 60)
 WALL, FREE = (150, 40, 120), (200, 225, 245)  # of a local map, which lies over the map
-# Grey of the map by the probability of an obstacle.
-GREY_OF_P = ([0.0, 0.5, 0.65, 1.0], [250, 215, 110, 20])
+FREE_GREY, OCCUPIED_GREY = 250, 20  # of the map
 THICK = 0.02  # m
 
 
 def grid_map(grid: OccupancyGrid, whole: bool = True) -> rr.GridMap:
     """A map in grey; whole: every cell of it, however many."""
-    p = grid.probability
-    step = 1 if whole else math.ceil(max(p.shape) / LONGEST)
-    p = p if step == 1 else _coarse(p, step)
-    grey = np.interp(np.nan_to_num(p, nan=0.5), *GREY_OF_P)
+    step = 1 if whole else math.ceil(max(grid.probability.shape) / LONGEST)
+    classes = coarser(grid.classes, step)
+    grey = np.where(classes == OCCUPIED, OCCUPIED_GREY, FREE_GREY)
     pixels = np.repeat(grey[..., None], 3, axis=2)
-    return _grid(p, pixels, (*grid.origin, 0.0), step * grid.cell, order=0)
+    return _grid(classes != UNKNOWN, pixels, (*grid.origin, 0.0), step * grid.cell, order=0)
 
 
 def local_map(local: LocalMap, pose: np.ndarray) -> rr.GridMap:
@@ -43,7 +41,7 @@ def local_map(local: LocalMap, pose: np.ndarray) -> rr.GridMap:
     corner = placed(pose, np.array([local.origin]))[0]
     p = probability(local.log_odds)
     pixels = np.where((p > 0.5)[..., None], WALL, FREE)
-    return _grid(p, pixels, (*corner, float(pose[2])), local.cell, order=1)
+    return _grid(~np.isnan(p), pixels, (*corner, float(pose[2])), local.cell, order=1)
 
 
 def robot(pose: np.ndarray) -> rr.Transform3D:
@@ -99,17 +97,16 @@ def _points(xy: np.ndarray, colour: tuple[int, int, int], radius: float) -> rr.P
 
 
 def _grid(
-    p: np.ndarray, pixels: np.ndarray, pose: tuple[float, float, float], cell: float, order: int
+    known: np.ndarray, pixels: np.ndarray, pose: tuple[float, float, float], cell: float, order: int
 ) -> rr.GridMap:
-    """pixels: (H, W, 3) RGB of the cells; what is not known (NaN in p) is left clear. pose: of the
+    """pixels: (H, W, 3) RGB of the cells; what is not known (H, W) is left clear. pose: of the
     lower left corner. order: higher ones lie over the others."""
-    known = ~np.isnan(p)
     # The first row of an image is its upper one.
     image = np.dstack([pixels * known[..., None], 255 * known])[::-1].astype(np.uint8)
     return rr.GridMap(
         data=image.tobytes(),
         format=rr.components.ImageFormat(
-            width=p.shape[1], height=p.shape[0], color_model="RGBA", channel_datatype="U8"
+            width=known.shape[1], height=known.shape[0], color_model="RGBA", channel_datatype="U8"
         ),
         cell_size=cell,
         translation=[*pose[:2], order * THICK],
@@ -117,13 +114,3 @@ def _grid(
         opacity=0.99,  # at 1 the viewer looks at no pixel's own
         draw_order=order,
     )
-
-
-def _coarse(p: np.ndarray, step: int) -> np.ndarray:
-    """Blocks of step x step cells as the likeliest obstacle in each: thin walls stay."""
-    rows, columns = (math.ceil(n / step) * step for n in p.shape)
-    padded = np.full((rows, columns), np.nan, np.float32)
-    padded[: p.shape[0], : p.shape[1]] = p
-    blocks = padded.reshape(rows // step, step, columns // step, step)
-    likeliest = np.where(np.isnan(blocks), -1.0, blocks).max(axis=(1, 3))
-    return np.where(likeliest < 0.0, np.nan, likeliest)

@@ -1,8 +1,8 @@
 """What the page of a run shows, as few bytes, made cheaply.
 
 Distances are codes of one byte in all pictures, so that one scale of colours tells them:
-0 = unknown, 1 to FAR = near to `max_range`, FREE = nothing up to there. Cells of maps: 0 to
-CERTAIN = probability 0 to 1, NOBODY_KNOWS = unknown.
+0 = unknown, 1 to FAR = near to `max_range`, FREE = nothing up to there. Cells of maps:
+the classes of `mapping.grid`, of which unknown is 255.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import cast
 import numpy as np
 
 from calibration.rig import Mount, StereoRig
-from mapping.grid import OccupancyGrid
+from mapping.grid import OccupancyGrid, coarser
 from mapping.local_map import draw_thinned
 from mapping.sensor_model import SensorModel, probability
 from mapping.settings import MappingSettings
@@ -31,7 +31,6 @@ from stereo.rectify import RectifiedCamera
 from stereo.scan import RangeScan
 
 UNKNOWN, FAR, FREE = 0, 254, 255
-CERTAIN, NOBODY_KNOWS = 200, 255
 COLUMNS = 160  # of the tint
 MOST_CELLS = 1600  # of a map's longer side
 PATH_STEP, PATH_POINTS = 0.05, 3000  # m
@@ -133,15 +132,8 @@ def local_map(
 def cells(grid: OccupancyGrid) -> tuple[np.ndarray, float]:
     """Codes (h, w) of a map, row 0 = lowest y, and the side of a cell [m]; a large map coarser, so
     that no obstacle gets lost."""
-    p = grid.probability
-    factor = -(-max(p.shape) // MOST_CELLS)
-    if factor > 1:
-        rows, columns = (-(-n // factor) for n in p.shape)
-        wide = np.full((rows * factor, columns * factor), np.nan, np.float32)
-        wide[: p.shape[0], : p.shape[1]] = p
-        p = np.fmax.reduce(wide.reshape(rows, factor, columns, factor), axis=(1, 3))
-    codes = np.nan_to_num(p * CERTAIN, nan=NOBODY_KNOWS).astype(np.uint8)
-    return codes, grid.cell * factor
+    factor = -(-max(grid.probability.shape) // MOST_CELLS)
+    return coarser(grid.classes, factor).view(np.uint8), grid.cell * factor
 
 
 def thinned(path: np.ndarray) -> np.ndarray:

@@ -1,12 +1,10 @@
 // Codes of one byte become colours; `pipeline/web/run_pictures.py` tells what they mean.
 
-const UNKNOWN = 0, FREE = 255, CERTAIN = 200, NOBODY_KNOWS = 255;
+const UNKNOWN = 0, FREE = 255, FREE_CELL = 0, OCCUPIED_CELL = 100;
 
 // Near to far: red, yellow, blue; told apart by those who cannot tell red from green.
 const DISTANCE = [[0, 165, 0, 38], [0.2, 215, 48, 39], [0.4, 253, 174, 97], [0.55, 255, 240, 150],
   [0.75, 116, 173, 209], [1, 69, 100, 190]];
-// Probability of an obstacle to the share of its colour: what is decided stands out.
-const SHADE = [[0, 0], [0.2, 0.02], [0.5, 0.07], [0.65, 0.6], [1, 1]];
 
 /** Values of a table between its rows [place, value, ...] at x. */
 function between(table, x) {
@@ -34,11 +32,9 @@ export function themed(name) {
 /** Colours of the codes of a map's cells in the present theme. */
 export function cellColours() {
   const [wall, free, unknown] = ["--wall", "--free", "--unknown"].map(themed);
-  return Array.from({ length: 256 }, (_, code) => {
-    if (code === NOBODY_KNOWS) return unknown;
-    const [share] = between(SHADE, Math.min(1, code / CERTAIN));
-    return free.map((value, i) => value + share * (wall[i] - value));
-  });
+  const colours = Array(256).fill(unknown);
+  [colours[FREE_CELL], colours[OCCUPIED_CELL]] = [free, wall];
+  return colours;
 }
 
 /** A canvas of width x height whose pixels are the colours of the codes; `dark` for code 0. */
