@@ -68,7 +68,7 @@ def test_a_run_leaves_a_complete_folder(beemap, office_piece, tmp_path):
 
     facts = report(run)
     assert facts["seed"] == 1
-    assert facts["motion"] == "encoders"
+    assert facts["motion"] == "fused"
     assert facts["partial"] is False
     assert facts["input"] == str(office_piece)
     assert facts["peak_memory_mb"] > 10
@@ -306,7 +306,7 @@ def test_damaged_ticks_are_counted(beemap, office, tmp_path):
 def test_pairs_after_the_last_tick_are_counted(beemap, office, tmp_path):
     edit(office / "mav0" / "odom0" / "data.csv", lambda lines: lines[:300])
     run = tmp_path / "run"
-    outcome = beemap("map", office, "-o", run, *QUICK[1:])
+    outcome = beemap("map", office, "-o", run, "--motion", "encoders", *QUICK[1:])
     assert outcome.code == 0
     counts = report(run)["counts"]
     assert counts["pairs without motion"] >= 5
@@ -317,7 +317,7 @@ def test_pairs_after_the_last_tick_are_counted(beemap, office, tmp_path):
 def test_ticks_of_another_time_are_refused(refused, office, tmp_path):
     table = office / "mav0" / "odom0" / "data.csv"
     edit(table, lambda lines: [lines[0], *("1" + line for line in lines[1:])])
-    line = refused("map", office, "-o", tmp_path / "run", "--quiet")
+    line = refused("map", office, "-o", tmp_path / "run", "--motion", "encoders", "--quiet")
     assert "the motion source knows nothing about the time of the images" in line
 
 
