@@ -103,6 +103,11 @@ class VisualMotion:
         self._noise.append(seen.pose.noise)
         return motion
 
+    @property
+    def stamp(self) -> int | None:
+        """At which the next motion begins [ns]; None: nothing was seen yet."""
+        return self._stamp
+
     def report(self) -> dict[str, int | float]:
         """Counts for the summary of a run."""
         return {
