@@ -7,7 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stereo.pose_kernels import hypotheses, misfits, normal_equations, stepped
+from stereo.pose_kernels import (
+    MIN_SHRINK,
+    hypotheses,
+    misfits,
+    normal_equations,
+    relinearised,
+    stepped,
+)
 from stereo.rectify import RectifiedCamera
 
 TRIPLES = 80
@@ -51,23 +58,20 @@ class View:
             (float(camera.f), float(camera.cx), float(camera.cy), float(camera.baseline)),
         )
 
-    def points(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Points (n, 3) on the robot [m] and their derivative by disparity (n, 3).
+    def predict(self, pixels: np.ndarray, R: np.ndarray, t: np.ndarray) -> np.ndarray:
+        """Where points are seen from the pose R (3, 3), t (3,) m, and how much larger (n, 4).
 
-        pixels: (n, 3) column and row in the left image, column in the right one.
+        pixels: (n, 3) at the key frame, column and row in the left image and column in the right
+        one; so are the first three columns of the result, NaN behind the camera.
         """
         f, cx, cy, baseline = self.lens
-        disparity = pixels[:, 0] - pixels[:, 2]
-        rays = np.column_stack([pixels[:, 0] - cx, pixels[:, 1] - cy, np.full(len(pixels), f)])
-        from_camera = (baseline / disparity)[:, None] * rays @ self.rotation.T
-        return from_camera + self.position, -from_camera / disparity[:, None]
-
-    def project(self, points: np.ndarray, R: np.ndarray, t: np.ndarray) -> np.ndarray:
-        """Left column, row, right column [px] and depth [m] (n, 4) of points (n, 3) m."""
-        f, cx, cy, baseline = self.lens
-        x, y, z = (((points - t) @ R - self.position) @ self.rotation).T
-        scale = f / np.where(z > 0.05, z, np.nan)
-        return np.column_stack([cx + x * scale, cy + y * scale, cx + (x - baseline) * scale, z])
+        d = pixels[:, 0] - pixels[:, 2]
+        rays = np.column_stack([pixels[:, 0] - cx, pixels[:, 1] - cy, np.full(len(d), f)])
+        on_robot = baseline * rays @ self.rotation.T + d[:, None] * (self.position - t)
+        x, y, z = ((on_robot @ R - d[:, None] * self.position) @ self.rotation).T
+        scale = f / np.where(z > MIN_SHRINK * baseline * f, z, np.nan)
+        left = cx + x * scale
+        return np.column_stack([left, cy + y * scale, left - baseline * d * scale, baseline * scale])
 
 
 @dataclass(frozen=True)
@@ -99,8 +103,7 @@ class Pose:
 
 
 def find_pose(
-    X: np.ndarray,
-    rays: np.ndarray,
+    keys: np.ndarray,
     pixels: np.ndarray,
     view: View,
     guess: tuple[np.ndarray, np.ndarray],
@@ -110,27 +113,28 @@ def find_pose(
     """The pose on which most points agree, with the least squared residuals.
 
     Args:
-        X, rays: (n, 3) of `View.points` at the key frame; pixels: (n, 3) seen now, the right
+        keys: (n, 3) pixels at the key frame, as of `View.predict`; pixels: (n, 3) now, the right
             column NaN where it was not found; guess: R, t; key: of the random choice of points;
             head_start: how far others must beat the guess (`hypotheses`).
 
     Returns:
         None when fewer than `LEAST_AGREE` points agree.
     """
-    if len(X) < LEAST_AGREE:
+    if len(keys) < LEAST_AGREE:
         return None
     camera = (view.rotation, view.position, view.lens)
     prior = np.array([0.0, 0.0, CLIMB**-2, TIP**-2, TIP**-2, 0.0])
-    triples = np.random.default_rng(key).integers(len(X), size=(TRIPLES, 3))
+    triples = np.random.default_rng(key).integers(len(keys), size=(TRIPLES, 3))
     R, t = hypotheses(
-        X, rays, pixels, triples, *guess, *camera, prior * NOISE**2, GATE**2, head_start
+        keys, pixels, triples, *guess, *camera, prior * NOISE**2, GATE**2, head_start
     )
-    agree = misfits(X, rays, pixels, R, t, *camera) < GATE**2
+    agree = misfits(keys, keys, pixels, R, t, *camera) < GATE**2
     if agree.sum() < LEAST_AGREE:
         return None
-    noise, inverse, H2 = NOISE, np.zeros((6, 6)), np.zeros((6, 6))
+    at, noise, inverse, H2 = keys, NOISE, np.zeros((6, 6)), np.zeros((6, 6))
     for _ in range(STEPS):
-        squared = misfits(X, rays, pixels, R, t, *camera)
+        at = relinearised(keys, at, pixels, agree, R, t, *camera)
+        squared = misfits(keys, at, pixels, R, t, *camera)
         noise = _noise(squared[agree])
         inliers = squared < (OUTLIER * noise) ** 2
         if inliers.sum() < LEAST_AGREE:
@@ -138,7 +142,7 @@ def find_pose(
         # Huber's weights: a residual beyond 1.5 sigma pulls no more than one at 1.5.
         far = np.sqrt(np.minimum(squared, 1e12)) / noise
         weights = np.where(inliers, np.minimum(1.0, 1.5 / np.maximum(far, 1e-9)), 0.0)
-        H, b, H2 = normal_equations(X, rays, pixels, weights, R, t, *camera)
+        H, b, H2 = normal_equations(keys, at, pixels, weights, R, t, *camera)
         scaled = prior * noise**2
         b += scaled * (0.0, 0.0, t[2], R[2, 1], -R[2, 0], 0.0)
         inverse = np.linalg.inv(H + np.diag(scaled + 1e-12))

@@ -9,12 +9,13 @@ import numpy as np
 
 from stereo.features import find_corners
 from stereo.patch_kernels import follow, remember, search_rows
-from stereo.pose import View
 
 LEVELS = 4  # each half as large as the one before
 SMALLEST = 40  # px: a smaller image tells nothing
 REACH = 0.25  # disparities searched, as a share of the width
-LEAST_DISPARITY = 0.5  # px: farther things do not tell their distance, only that they are far
+# px: below zero only by noise. A limit above it would keep, of far points, those that noise brings
+# nearer, and make every motion longer than it is.
+MIN_DISPARITY = -1.5
 ROWS = 1.5  # px that the same point may differ in row
 ALIKE = 0.8  # correlation of a window that is found again
 COARSE = 0.5  # and at the coarser levels
@@ -47,11 +48,11 @@ def _pyramid(image: np.ndarray) -> tuple[np.ndarray, ...]:
 class KeyFrame:
     """What a pair shows, remembered: points in space and how each looks.
 
-    pixels: (n, 3) column and row in the left image, column in the right one; points, rays:
-    (n, 3), see `View.points`; pyramids: the pair itself.
+    pixels: (n, 3) column and row in the left image, column in the right one; pyramids: the pair
+    itself.
     """
 
-    def __init__(self, pyramids: Pyramids, view: View) -> None:
+    def __init__(self, pyramids: Pyramids) -> None:
         self.pyramids = pyramids
         corners = find_corners(pyramids.left[0])
         # Of each level: windows, gradients, inverses, usable.
@@ -61,7 +62,6 @@ class KeyFrame:
         right, found = self._in_right_image(pyramids, corners)
         self._windows = [tuple(part[found] for part in level) for level in self._windows]
         self.pixels = np.column_stack([corners, right])[found].astype(float)
-        self.points, self.rays = view.points(self.pixels)
 
     def __len__(self) -> int:
         return len(self.pixels)
@@ -101,10 +101,10 @@ class KeyFrame:
             if found.sum() > ENOUGH * len(self):
                 break
         right = place.copy()
-        right[:, 0] -= np.maximum(np.where(expected, guess[:, 0] - guess[:, 2], 0.0), 0.0)
+        right[:, 0] -= np.where(expected, guess[:, 0] - guess[:, 2], 0.0)
         right[~found] = -1e6
         good = self._place(pyramids.right, right, nearer, 0) > ALIKE
-        good &= (np.abs(right[:, 1] - place[:, 1]) < ROWS) & (right[:, 0] < place[:, 0])
+        good &= (np.abs(right[:, 1] - place[:, 1]) < ROWS) & (place[:, 0] - right[:, 0] > MIN_DISPARITY)
         column = np.where(good, right[:, 0], np.nan)
         return np.column_stack([place, column]), found
 
@@ -139,5 +139,5 @@ class KeyFrame:
         place[disparity < 0] = -1e6
         likeness = self._place(pyramids.right, place, np.ones(len(place)), level)
         found = (likeness > ALIKE) & (np.abs(place[:, 1] - corners[:, 1]) < ROWS)
-        found &= corners[:, 0] - place[:, 0] > LEAST_DISPARITY
+        found &= corners[:, 0] - place[:, 0] > MIN_DISPARITY
         return place[:, 0], found

@@ -61,7 +61,7 @@ class VisualOdometry:
 
     def start(self, pyramids: Pyramids) -> bool:
         """Make the pair the key frame; false, and nothing changes, when it shows too little."""
-        fresh = KeyFrame(pyramids, self.view)
+        fresh = KeyFrame(pyramids)
         if len(fresh) < LEAST_POINTS:
             return False
         self._renew(fresh)
@@ -78,7 +78,7 @@ class VisualOdometry:
         share = 0.0 if pose is None else np.mean(pose.inliers) * found / len(self._key)
         if share >= RENEW:
             return self._seen(pose, found, False)
-        fresh = KeyFrame(pyramids, self.view)
+        fresh = KeyFrame(pyramids)
         if share < RELOCATE:
             found, pose = max(
                 ((found, pose), self._relocate(self._key, fresh, pyramids)),
@@ -112,12 +112,10 @@ class VisualOdometry:
         self, key: KeyFrame, pyramids: Pyramids, guess: tuple[np.ndarray, np.ndarray]
     ) -> tuple[int, Pose | None]:
         """How many points are found near where the guess has them, and the pose they give."""
-        before = self.view.project(key.points, np.eye(3), np.zeros(3))
-        after = self.view.project(key.points, *guess)
-        pixels, found = key.find(pyramids, after[:, :3], before[:, 3] / after[:, 3])
+        after = self.view.predict(key.pixels, *guess)
+        pixels, found = key.find(pyramids, after[:, :3], after[:, 3])
         return int(found.sum()), find_pose(
-            key.points[found],
-            key.rays[found],
+            key.pixels[found],
             pixels[found],
             self.view,
             guess,
@@ -130,8 +128,7 @@ class VisualOdometry:
     ) -> tuple[int, Pose | None]:
         i, j = key.alike(fresh)
         rough = find_pose(
-            key.points[i],
-            key.rays[i],
+            key.pixels[i],
             fresh.pixels[j],
             self.view,
             self._pose,
