@@ -2,14 +2,15 @@
 
 The pose (R (3, 3), t (3,)) is that of the robot now in its frame at the key frame. A point is its
 pixels at the key frame, k (3,): column and row in the left image, column in the right one. Its
-disparity d = k0 - k2 is its inverse depth; with the ray c = (k0 - cx, k1 - cy, f), the camera's
-axes M and position p on the robot, and baseline B, its place now in the left camera, times d, is
+disparity d = k0 - k2 - o is its inverse depth, o the offset that the calibration leaves; with the
+ray c = (k0 - cx, k1 - cy, f), the camera's axes M and position p on the robot, and baseline B, its
+place now in the left camera, times d, is
 
     q = M^T (R^T (B M c + d (p - t)) - d p)
 
 which is as well defined at infinity (d = 0) as near by. Its pixels now, g(k), are cx + f q0 / q2,
-cy + f q1 / q2 and, in the right image, B d f / q2 to the left of the first. Steps (6,): t and then
-R from the right, as R exp(w).
+cy + f q1 / q2 and, in the right image, B d f / q2 + o to the left of the first. Steps (6,): t and
+then R from the right, as R exp(w). lens: f, cx, cy, B, o.
 
 Pixels of both pairs are measured with the same noise: the reprojection error in all four images
 is least (the gold standard of Hartley and Zisserman 2004, Sec. 4.2.3 and 16.4). With k measured
@@ -41,13 +42,13 @@ def _placed(R, t, M, p):
 
 @numba.njit(cache=True, nogil=True)
 def _observe(z, at, pixels, R, A, T, M, p, lens, r, J, D, L):
-    """Residual r (3,), its Jacobians J (3, 6) by the pose and D (3, 3) by the key frame's pixels,
-    and the Cholesky factor L (3, 3) of I + D D^T, of one point; false behind the camera.
+    """Residual r (3,) of one point, its Jacobians J (3, 7) by the pose and the offset and D (3, 3)
+    by the key frame's pixels, and the Cholesky factor L (3, 3) of I + D D^T.
 
-    Rows without a pixel (NaN) become zero.
+    False behind the camera. Rows without a pixel (NaN) become zero.
     """
-    f, cx, cy, baseline = lens
-    x, y, d = baseline * (at[0] - cx), baseline * (at[1] - cy), at[0] - at[2]
+    f, cx, cy, baseline, offset = lens
+    x, y, d = baseline * (at[0] - cx), baseline * (at[1] - cy), at[0] - at[2] - offset
     q0 = A[0, 0] * x + A[0, 1] * y + A[0, 2] * baseline * f + d * T[0]
     q1 = A[1, 0] * x + A[1, 1] * y + A[1, 2] * baseline * f + d * T[1]
     q2 = A[2, 0] * x + A[2, 1] * y + A[2, 2] * baseline * f + d * T[2]
@@ -64,11 +65,11 @@ def _observe(z, at, pixels, R, A, T, M, p, lens, r, J, D, L):
         elif row == 1:
             across, side, here = 1, q1, cy
         else:
-            across, side, here = 0, q0 - baseline * d, cx
+            across, side, here = 0, q0 - baseline * d, cx - offset
         r[row] = here + side * scale - pixels[row]
         if np.isnan(r[row]):
             r[row] = 0.0
-            for k in range(6):
+            for k in range(7):
                 J[row, k] = 0.0
             for k in range(3):
                 D[row, k] = 0.0
@@ -90,6 +91,7 @@ def _observe(z, at, pixels, R, A, T, M, p, lens, r, J, D, L):
         J[row, 3] = g1 * s2 - g2 * s1
         J[row, 4] = g2 * s0 - g0 * s2
         J[row, 5] = g0 * s1 - g1 * s0
+        J[row, 6] = -by_d - (1.0 if row == 2 else 0.0)
     e0, e1, e2 = z[0] - at[0], z[1] - at[1], z[2] - at[2]
     for row in range(3):
         r[row] += D[row, 0] * e0 + D[row, 1] * e1 + D[row, 2] * e2
@@ -129,7 +131,7 @@ def misfits(keys, at, pixels, R, t, M, p, lens):
     behind the camera."""
     n = len(keys)
     out = np.empty(n)
-    r, J, D, L = np.empty(3), np.empty((3, 6)), np.empty((3, 3)), np.empty((3, 3))
+    r, J, D, L = np.empty(3), np.empty((3, 7)), np.empty((3, 3)), np.empty((3, 3))
     A, T = _placed(R, t, M, p)
     for i in range(n):
         if not _observe(keys[i], at[i], pixels[i], R, A, T, M, p, lens, r, J, D, L):
@@ -145,7 +147,7 @@ def relinearised(keys, at, pixels, agree, R, t, M, p, lens):
     """The pixels at the key frame (n, 3) that make the reprojection error least, by one step from
     `at`; those measured where a point does not agree."""
     out = keys.copy()
-    r, J, D, L = np.empty(3), np.empty((3, 6)), np.empty((3, 3)), np.empty((3, 3))
+    r, J, D, L = np.empty(3), np.empty((3, 7)), np.empty((3, 3)), np.empty((3, 3))
     A, T = _placed(R, t, M, p)
     for i in range(len(keys)):
         if not agree[i]:
@@ -160,36 +162,40 @@ def relinearised(keys, at, pixels, agree, R, t, M, p, lens):
 
 
 @numba.njit(cache=True, nogil=True)
-def normal_equations(keys, at, pixels, weights, R, t, M, p, lens):
-    """Weighted sums over the points: J^T W J (6, 6), J^T W r (6,), and J^T W W J (6, 6) with the
-    weights squared, W = (I + D D^T)^-1."""
-    H, b, H2 = np.zeros((6, 6)), np.zeros(6), np.zeros((6, 6))
-    r, J, D, L = np.empty(3), np.empty((3, 6)), np.empty((3, 3)), np.empty((3, 3))
-    white, WJ, v = np.empty((6, 3)), np.empty((6, 3)), np.empty(3)
+def normal_equations(keys, at, pixels, sigma, weights, R, t, M, p, lens):
+    """Sums over the points of w J^T W J (7, 7), w J^T W r (7,), and w w J^T W W sigma^2 J (7, 7).
+
+    W = (I + D D^T)^-1 / sigma^2, w the weights; the last of the unknowns is the offset.
+    """
+    H, b, H2 = np.zeros((7, 7)), np.zeros(7), np.zeros((7, 7))
+    r, J, D, L = np.empty(3), np.empty((3, 7)), np.empty((3, 3)), np.empty((3, 3))
+    white, WJ, v = np.empty((7, 3)), np.empty((7, 3)), np.empty(3)
     A, T = _placed(R, t, M, p)
     for i in range(len(keys)):
-        w = weights[i]
-        if w <= 0.0:
+        if weights[i] <= 0.0:
             continue
+        w, square = weights[i] / sigma[i] ** 2, weights[i] ** 2 / sigma[i] ** 2
         if not _observe(keys[i], at[i], pixels[i], R, A, T, M, p, lens, r, J, D, L):
             continue
         _whiten(L, r)
-        for k in range(6):
+        for k in range(7):
             v[0], v[1], v[2] = J[0, k], J[1, k], J[2, k]
             _whiten(L, v)
             white[k, 0], white[k, 1], white[k, 2] = v[0], v[1], v[2]
             _unwhiten(L, v)
             WJ[k, 0], WJ[k, 1], WJ[k, 2] = v[0], v[1], v[2]
-        for k in range(6):
+        for k in range(7):
             b[k] += w * (white[k, 0] * r[0] + white[k, 1] * r[1] + white[k, 2] * r[2])
             for m in range(k + 1):
                 H[k, m] += w * (
-                    white[k, 0] * white[m, 0] + white[k, 1] * white[m, 1] + white[k, 2] * white[m, 2]
+                    white[k, 0] * white[m, 0]
+                    + white[k, 1] * white[m, 1]
+                    + white[k, 2] * white[m, 2]
                 )
-                H2[k, m] += w * w * (
+                H2[k, m] += square * (
                     WJ[k, 0] * WJ[m, 0] + WJ[k, 1] * WJ[m, 1] + WJ[k, 2] * WJ[m, 2]
                 )
-    for k in range(6):
+    for k in range(7):
         for m in range(k):
             H[m, k], H2[m, k] = H[k, m], H2[k, m]
     return H, b, H2
@@ -213,7 +219,8 @@ def _fit(keys, pixels, R, t, M, p, lens, prior):
     """Gauss and Newton's method from (R, t) on a few points; whether it settled, R, t."""
     ones = np.ones(len(keys))
     for _ in range(FIT_ROUNDS):
-        H, b, _ = normal_equations(keys, keys, pixels, ones, R, t, M, p, lens)
+        H, b, _ = normal_equations(keys, keys, pixels, ones, ones, R, t, M, p, lens)
+        H, b = H[:6, :6].copy(), b[:6].copy()
         for m in range(6):
             H[m, m] += prior[m] + 1e-9
         b[2] += prior[2] * t[2]

@@ -20,6 +20,11 @@ ROWS = 1.5  # px that the same point may differ in row
 ALIKE = 0.8  # correlation of a window that is found again
 COARSE = 0.5  # and at the coarser levels
 NEAR = 1  # the coarsest level needed when the guess is good to some pixels
+# A window's noise, and so that of its place, follows from how much it differs from the remembered
+# one. Neighbouring pixels share it: they are smoothed by (1 2 1) / 4 in both directions, so that
+# (8/3)^2 of them count for one. Interpolation errs by so much besides [px].
+SMOOTHED = 64.0 / 9.0
+INTERPOLATED = 0.08
 ENOUGH = 0.6  # of the points found: the guess was good
 DESCRIBED = 2  # the level whose windows tell points apart
 
@@ -85,28 +90,46 @@ class KeyFrame:
 
     def find(
         self, pyramids: Pyramids, guess: np.ndarray, nearer: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The key frame's points in another pair.
 
         guess: (n, 3) px; NaN where nothing is expected; nearer: (n,) how much larger it appears.
 
         Returns:
-            pixels (n, 3), the right column NaN where it is not found, and found (n,) bool.
+            pixels (n, 3), the right column NaN where it is not found; sigma (n,) of a coordinate
+            [px]; found (n,) bool.
         """
         expected = np.isfinite(guess.sum(axis=1))
         # Most guesses are good: only where they are not is looked for farther away.
         for coarsest in (NEAR, LEVELS - 1):
             place = np.where(expected[:, None], guess[:, :2], -1e6)
-            found = self._place(pyramids.left, place, nearer, coarsest) > ALIKE
+            likeness = self._place(pyramids.left, place, nearer, coarsest)
+            found = likeness > ALIKE
             if found.sum() > ENOUGH * len(self):
                 break
         right = place.copy()
         right[:, 0] -= np.where(expected, guess[:, 0] - guess[:, 2], 0.0)
         right[~found] = -1e6
-        good = self._place(pyramids.right, right, nearer, 0) > ALIKE
-        good &= (np.abs(right[:, 1] - place[:, 1]) < ROWS) & (place[:, 0] - right[:, 0] > MIN_DISPARITY)
+        in_right = self._place(pyramids.right, right, nearer, 0)
+        good = in_right > ALIKE
+        good &= (np.abs(right[:, 1] - place[:, 1]) < ROWS) & (
+            place[:, 0] - right[:, 0] > MIN_DISPARITY
+        )
         column = np.where(good, right[:, 0], np.nan)
-        return np.column_stack([place, column]), found
+        likeness = np.where(good, 0.5 * (likeness + in_right), likeness)
+        return np.column_stack([place, column]), self._sigma(likeness), found
+
+    def _sigma(self, likeness: np.ndarray) -> np.ndarray:
+        """Standard deviation (n,) of a coordinate [px] of places found with a likeness (n,).
+
+        Lucas and Kanade's method is least squares: the covariance of a place is the inverse of the
+        gradients' products times the noise. Windows of contrast 1 that correlate by `likeness`
+        differ by 2 (1 - likeness), half of it from either image.
+        """
+        inverses = self._windows[0][2]
+        mean = 0.5 * (inverses[:, 0, 0] + inverses[:, 1, 1]).astype(float)
+        noise = SMOOTHED * np.clip(1.0 - likeness, 0.0, 1.0)
+        return np.sqrt(INTERPOLATED**2 + noise * mean)
 
     def _place(
         self,

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stereo.pose import Pose, View, find_pose
+from stereo.pose import NOISE, Offset, Pose, View, find_pose
 from stereo.tracking import KeyFrame, Pyramids
 
 # A key frame with fewer points does not carry, and fewer points that agree are no pose.
@@ -53,6 +53,7 @@ class VisualOdometry:
         self._key: KeyFrame | None = None
         self._pose = (np.eye(3), np.zeros(3))
         self._count = 0
+        self.offset = Offset()
 
     @property
     def following(self) -> bool:
@@ -90,6 +91,7 @@ class VisualOdometry:
         sighting = self._seen(pose, found, renewed)
         if renewed:
             self._renew(fresh)
+            self.offset = pose.offset
         return sighting
 
     def _seen(self, pose: Pose | None, found: int, renewed: bool) -> Sighting:
@@ -112,15 +114,17 @@ class VisualOdometry:
         self, key: KeyFrame, pyramids: Pyramids, guess: tuple[np.ndarray, np.ndarray]
     ) -> tuple[int, Pose | None]:
         """How many points are found near where the guess has them, and the pose they give."""
-        after = self.view.predict(key.pixels, *guess)
-        pixels, found = key.find(pyramids, after[:, :3], after[:, 3])
+        after = self.view.predict(key.pixels, *guess, self.offset.value)
+        pixels, sigma, found = key.find(pyramids, after[:, :3], after[:, 3])
         return int(found.sum()), find_pose(
             key.pixels[found],
             pixels[found],
+            sigma[found],
             self.view,
             guess,
             (self._seed, self._count, 0),
             HEAD_START,
+            self.offset,
         )
 
     def _relocate(
@@ -130,9 +134,11 @@ class VisualOdometry:
         rough = find_pose(
             key.pixels[i],
             fresh.pixels[j],
+            np.full(len(i), NOISE),
             self.view,
             self._pose,
             (self._seed, self._count, 1),
+            offset=self.offset,
         )
         if rough is None:
             return 0, None
