@@ -112,6 +112,8 @@ class VisualMotion:
             "visual_guesses": sum(loss.end == GUESSED for loss in self.all_losses()),
             "visual_key_frames": self._key_frames,
             "visual_inliers_median": float(np.median(self._inliers)) if self._inliers else 0.0,
+            "visual_row_error_px": round(self._odometry.row_errors.size, 3),
+            "visual_disparity_offset_px": round(self._odometry.offset.value, 3),
             "visual_noise_px": round(float(np.median(self._noise)), 3) if self._noise else 0.0,
         }
 
@@ -180,12 +182,13 @@ class VisualMotion:
     def _of_key_frame(self, pose: Pose) -> np.ndarray:
         """Covariance (3, 3) of a pose by the key frame's pixels and by the calibration."""
         x, y, theta = pose.planar
-        travel, settings = math.hypot(x, y), self._settings
+        settings = self._settings
+        share = self._odometry.row_errors.size / settings.rows
         aside = math.radians(settings.across) * np.array([-y, x])
-        covariance = pose.covariance - pose.of_pixels
-        covariance[:2, :2] += settings.along**2 * np.outer([x, y], [x, y]) + np.outer(aside, aside)
-        covariance[2, 2] += math.radians(settings.heading) ** 2 * (travel**2 + theta**2)
-        return covariance
+        calibration = np.zeros((3, 3))
+        calibration[:2, :2] = settings.along**2 * np.outer([x, y], [x, y]) + np.outer(aside, aside)
+        calibration[2, 2] = math.radians(settings.heading) ** 2 * (x * x + y * y + theta * theta)
+        return pose.covariance - pose.of_pixels + share**2 * calibration
 
 
 def whole_view(rig: StereoRig) -> tuple[Rectifier, View]:

@@ -103,7 +103,8 @@ class Pose:
 
     R (3, 3), t (3,) m. covariance: (3, 3) of x m, y m, theta rad; of_pixels: the part of it that
     comes from the pixels seen now, the rest from those at the key frame and the offset. inliers
-    (n,) bool; noise: median standard deviation of a pixel coordinate [px]; offset: as known with these points.
+    (n,) bool; noise: median standard deviation of a pixel coordinate [px]; offset: as known with
+    these points.
     """
 
     R: np.ndarray

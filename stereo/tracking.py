@@ -53,8 +53,8 @@ def _pyramid(image: np.ndarray) -> tuple[np.ndarray, ...]:
 class KeyFrame:
     """What a pair shows, remembered: points in space and how each looks.
 
-    pixels: (n, 3) column and row in the left image, column in the right one; pyramids: the pair
-    itself.
+    pixels: (n, 3) column and row in the left image, column in the right one; row_errors: (n,)
+    how much lower they are in the right one [px]; pyramids: the pair itself.
     """
 
     def __init__(self, pyramids: Pyramids) -> None:
@@ -65,8 +65,9 @@ class KeyFrame:
             remember(image, corners / 2.0**k) for k, image in enumerate(pyramids.left)
         ]
         right, found = self._in_right_image(pyramids, corners)
+        self.row_errors = (right[:, 1] - corners[:, 1])[found]
         self._windows = [tuple(part[found] for part in level) for level in self._windows]
-        self.pixels = np.column_stack([corners, right])[found].astype(float)
+        self.pixels = np.column_stack([corners, right[:, 0]])[found].astype(float)
 
     def __len__(self) -> int:
         return len(self.pixels)
@@ -151,7 +152,7 @@ class KeyFrame:
     def _in_right_image(
         self, pyramids: Pyramids, corners: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Columns (n,) of the corners in the right image, and which were found (n,) bool."""
+        """Places (n, 2) of the corners in the right image, and which were found (n,) bool."""
         level = 1 if len(pyramids.left) > 1 else 0
         reach = int(REACH * pyramids.left[level].shape[1])
         disparity = search_rows(
@@ -163,4 +164,4 @@ class KeyFrame:
         likeness = self._place(pyramids.right, place, np.ones(len(place)), level)
         found = (likeness > ALIKE) & (np.abs(place[:, 1] - corners[:, 1]) < ROWS)
         found &= corners[:, 0] - place[:, 0] > MIN_DISPARITY
-        return place[:, 0], found
+        return place, found

@@ -24,6 +24,39 @@ RENEW = 0.5
 RELOCATE = 0.25
 # Something large that moves by itself must show so many more points than what the guess explains.
 HEAD_START = 1.5
+# Parts of the image, in either direction, of which each has its own error of rectification; points
+# that one must have.
+CELLS = 4
+MIN_IN_CELL = 5
+
+
+class RowErrors:
+    """How well the calibration rectifies, from how much rows differ between the images.
+
+    Rows differ by noise and by what the calibration leaves, which is the same for all that is seen
+    in one part of the image, pair after pair.
+    """
+
+    def __init__(self, size: tuple[float, float]) -> None:
+        self._size = size
+        self._sums = np.zeros((3, CELLS * CELLS))  # of ones, errors and their squares
+
+    def add(self, pixels: np.ndarray, errors: np.ndarray) -> None:
+        """Count points at pixels (n, 3) whose rows differ by errors (n,) px."""
+        column, row = (
+            np.clip(CELLS * pixels[:, k] / self._size[k], 0, CELLS - 1).astype(int) for k in (0, 1)
+        )
+        for total, part in zip(self._sums, (np.ones(len(errors)), errors, errors**2), strict=True):
+            np.add.at(total, row * CELLS + column, part)
+
+    @property
+    def size(self) -> float:
+        """Root mean square over the image of what is no noise [px]."""
+        n, first, second = self._sums[:, self._sums[0] >= MIN_IN_CELL]
+        if not n.any():
+            return 0.0
+        mean = first / n
+        return math.sqrt(max(0.0, float(np.mean(mean**2 - (second / n - mean**2) / (n - 1.0)))))
 
 
 @dataclass(frozen=True)
@@ -54,6 +87,7 @@ class VisualOdometry:
         self._pose = (np.eye(3), np.zeros(3))
         self._count = 0
         self.offset = Offset()
+        self.row_errors = RowErrors((2.0 * view.lens[1], 2.0 * view.lens[2]))
 
     @property
     def following(self) -> bool:
@@ -101,6 +135,7 @@ class VisualOdometry:
 
     def _renew(self, key: KeyFrame) -> None:
         self._key = key
+        self.row_errors.add(key.pixels, key.row_errors)
         self._pose = (np.eye(3), np.zeros(3))
 
     def _ahead(self, motion: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

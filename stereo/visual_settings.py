@@ -10,9 +10,20 @@ import msgspec
 class VisualSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What a calibration leaves unknown of the motion, beside the images' noise, which is measured.
 
-    Errors of this kind are the same from a key frame to the next one, and differ with what is seen.
+    Such errors are the same from one key frame to the next. They are as large as those of its
+    rows, which are seen: the values are those of a rig whose rows differ by `rows`, and scaled by
+    what is measured.
     """
 
+    rows: Annotated[
+        float,
+        msgspec.Meta(
+            description="visual odometry: root mean square of the difference of rows between the "
+            "rectified images, noise left out, of a rig to which the next three apply",
+            extra={"unit": "px"},
+            gt=0.0,
+        ),
+    ] = 0.4
     along: Annotated[
         float,
         msgspec.Meta(
