@@ -117,6 +117,8 @@ class VisualMotion:
             "visual_guesses": sum(loss.end == GUESSED for loss in self.all_losses()),
             "visual_key_frames": self._key_frames,
             "visual_inliers_median": float(np.median(self._inliers)) if self._inliers else 0.0,
+            "visual_row_error_px": round(self._odometry.row_errors.size, 3),
+            "visual_disparity_offset_px": round(self._odometry.offset.value, 3),
             "visual_noise_px": round(float(np.median(self._noise)), 3) if self._noise else 0.0,
         }
 
@@ -177,20 +179,21 @@ class VisualMotion:
         noise = later @ pose.of_pixels @ later.T + earlier @ last.of_pixels @ earlier.T
         if self._hold and _squared(increment, noise) < STILL:
             return Motion(np.zeros(3), np.zeros((3, 3)), self._stamp, stamp)
-        shared = pose.covariance - pose.of_pixels - (last.covariance - last.of_pixels)
-        covariance = noise + later @ _positive(shared) @ later.T + self._calibration(increment)
+        shared = self._of_key_frame(pose) - self._of_key_frame(last)
+        covariance = noise + later @ _positive(shared) @ later.T
         self._last = pose
         return Motion(increment, covariance, self._stamp, stamp)
 
-    def _calibration(self, increment: np.ndarray) -> np.ndarray:
-        """Covariance (3, 3) that comes from a baseline and focal length known so well."""
-        travel, turn = math.hypot(increment[0], increment[1]), abs(increment[2])
-        along, heading = self._settings.along, math.radians(self._settings.heading)
-        covariance = np.zeros((3, 3))
-        if travel > 0:
-            covariance[:2, :2] = along**2 / travel * np.outer(increment[:2], increment[:2])
-        covariance[2, 2] = heading**2 * (travel + turn)
-        return covariance
+    def _of_key_frame(self, pose: Pose) -> np.ndarray:
+        """Covariance (3, 3) of a pose by the key frame's pixels and by the calibration."""
+        x, y, theta = pose.planar
+        settings = self._settings
+        share = self._odometry.row_errors.size / settings.rows
+        aside = math.radians(settings.across) * np.array([-y, x])
+        calibration = np.zeros((3, 3))
+        calibration[:2, :2] = settings.along**2 * np.outer([x, y], [x, y]) + np.outer(aside, aside)
+        calibration[2, 2] = math.radians(settings.heading) ** 2 * (x * x + y * y + theta * theta)
+        return pose.covariance - pose.of_pixels + share**2 * calibration
 
 
 def whole_view(rig: StereoRig) -> tuple[Rectifier, View]:
