@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,6 +26,7 @@ LEAST_SHARE = 0.5
 STEPS = 20
 CAP = 50.0
 UNRELIABLE = 10.0
+FASTER = 1.5  # times the greatest speed of the wheels: no robot
 # A difference that noise alone exceeds once in twenty times (chi-square, three degrees of freedom).
 USUAL_DIFFERENCE = 7.8
 FLAT = 2.0  # grey levels: images without more contrast are all alike
@@ -46,14 +48,14 @@ class Slip:
 class FusedMotion:
     """Both, weighed by their covariances while they agree.
 
-    Where they do not, the images are believed if enough points agree (the wheels slip), else the
-    wheels. Where one fails the other answers alone; images that can be read again after a while
-    are held against all that was reported meanwhile. What the wheels do wrong throughout is learnt
-    (`errors`) and taken off.
+    Where they do not, the images are believed if enough points agree (the wheels slip) and no more
+    than `max_speed` [m/s] follows, else the wheels. Where one fails the other answers alone; images
+    that can be read again after a while are held against all that was reported meanwhile. What the
+    wheels do wrong throughout is learnt (`errors`) and taken off.
     """
 
-    def __init__(self, visual: VisualMotion, wheels: MotionSource) -> None:
-        self.visual, self._wheels = visual, wheels
+    def __init__(self, visual: VisualMotion, wheels: MotionSource, max_speed: float) -> None:
+        self.visual, self._wheels, self._max_speed = visual, wheels, max_speed
         self.errors = SystematicErrors()
         self._agreement = Agreement()
         self._excess = 1.0
@@ -168,7 +170,7 @@ class FusedMotion:
         """Of two motions over the same time."""
         likely = self.errors.uncertain(wheels)
         apart = self._agreement.step(likely, images)
-        if apart is not None and not self._sure():
+        if apart is not None and not self._sure(images):
             self.counts["images_doubted"] += 1
             return wheels
         difference = disagreement(likely, images)
@@ -192,7 +194,7 @@ class FusedMotion:
             return without(fuse(whole, images), begun)
         # Of points seen long ago few are left, and these may agree on what is wrong: only a
         # difference that they cannot explain convicts the wheels.
-        if self._trusted or not self._sure():
+        if self._trusted or not self._sure(images):
             self.counts["images_doubted"] += 1
             return wheels
         self._slipped((whole, images), whole, images, difference)
@@ -222,9 +224,11 @@ class FusedMotion:
         if self.visual.stamp in (None, stamp):
             self._unseen = Motion.none(stamp)
 
-    def _sure(self) -> bool:
+    def _sure(self, images: Motion) -> bool:
         """Whether the images' motion can stand against the wheels'."""
-        seen = self.visual.sighting
+        seen, seconds = self.visual.sighting, (images.last - images.first) / 1e9
+        if math.hypot(*images.increment[:2]) > FASTER * self._max_speed * seconds:
+            return False
         if self._excess > UNRELIABLE:
             return True
         return (

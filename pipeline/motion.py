@@ -108,7 +108,8 @@ def looking(
 
     if wheels is None:
         return VisualMotion(rig, settings.visual, seed)
-    return FusedMotion(VisualMotion(rig, settings.visual, seed, hold=False), wheels)
+    visual = VisualMotion(rig, settings.visual, seed, hold=False)
+    return FusedMotion(visual, wheels, settings.odometry.max_speed)
 
 
 def choose_motion(

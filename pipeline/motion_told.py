@@ -10,7 +10,7 @@ from pipeline.fused_motion import FusedMotion, Slip
 from pipeline.health.finding import Finding, Grade
 from pipeline.health.odometry_findings import odometry_findings
 from pipeline.seeing import AnyMotion
-from pipeline.visual_motion import GUESSED, Loss, VisualMotion
+from pipeline.visual_motion import BRIDGED, GUESSED, Loss, VisualMotion
 
 MOST_TOLD = 3
 # Wheels slip a little on every floor [m, rad].
@@ -28,11 +28,15 @@ def told(motion: AnyMotion, begin: int) -> list[Finding]:
     if isinstance(motion, VisualMotion):
         return _losses(motion.all_losses(), begin)
     if isinstance(motion, FusedMotion):
+        # The last loss may not have ended: no guess, but what the wheels bridged.
+        losses = [
+            replace(loss, end=BRIDGED) if loss.first == loss.last else loss
+            for loss in motion.visual.all_losses()
+        ]
         return [
-            *_losses(motion.visual.all_losses(), begin, wheels=True),
+            *_losses(losses, begin, wheels=True),
             *_images_failed(motion.counts),
             *_wheels_failed(motion, begin),
-            *_systematic(motion),
         ]
     return []
 
@@ -100,7 +104,7 @@ def _wheels_failed(motion: FusedMotion, begin: int) -> list[Finding]:
             )
         )
     if wrong <= MIN_WRONG or wrong <= MANY * (wrong + counts["fused"]):
-        return [*findings, *_slips(motion.slips, begin)]
+        return [*findings, *_slips(motion.slips, begin), *_systematic(motion)]
     text = f"wheels disagreed with the images in {wrong} of {steps} steps"
     bridged = counts["wheels_alone"] + counts["images_doubted"]
     findings.append(

@@ -163,7 +163,7 @@ class Wheels:
 
 def fused(recording, slips=None, silent=()) -> FusedMotion:
     visual = VisualMotion(recording.rig, EXACT, seed=1, hold=False)
-    return FusedMotion(visual, Wheels(recording, slips or {}, set(silent)))
+    return FusedMotion(visual, Wheels(recording, slips or {}, set(silent)), max_speed=1.5)
 
 
 def test_a_slipping_wheel_is_found_out_and_told(recording, pairs):
