@@ -45,7 +45,7 @@ def _observe(z, at, pixels, R, A, T, M, p, lens, derive, r, J, D, L):
     """Residual r (3,) of one point, its Jacobians J (3, 7) by the pose and the offset and D (3, 3)
     by the key frame's pixels, and the Cholesky factor L (3, 3) of I + D D^T.
 
-    False behind the camera. Rows without a pixel (NaN) become zero. J is left alone unless `derive`.
+    False behind the camera. Rows without a pixel (NaN) become zero. J is found if `derive`.
     """
     f, cx, cy, baseline, offset = lens
     x, y, d = baseline * (at[0] - cx), baseline * (at[1] - cy), at[0] - at[2] - offset
