@@ -104,7 +104,7 @@ class Pose:
     R (3, 3), t (3,) m. covariance: (3, 3) of x m, y m, theta rad; of_pixels: the part of it that
     comes from the pixels seen now, the rest from those at the key frame and the offset. inliers
     (n,) bool; noise: median standard deviation of a pixel coordinate [px]; offset: as known with
-    these points.
+    these points; row_error: of the rectification, root mean square [px].
     """
 
     R: np.ndarray
@@ -114,6 +114,7 @@ class Pose:
     inliers: np.ndarray
     noise: float
     offset: Offset = UNKNOWN
+    row_error: float = 0.0
 
     @property
     def planar(self) -> np.ndarray:

@@ -44,11 +44,11 @@ def _placed(R, t, M, p):
 
 
 @numba.njit(cache=True, nogil=True)
-def _observe(z, at, pixels, R, A, T, M, p, lens, r, J, D, L):
+def _observe(z, at, pixels, R, A, T, M, p, lens, derive, r, J, D, L):
     """Residual r (3,) of one point, its Jacobians J (3, 7) by the pose and the offset and D (3, 3)
     by the key frame's pixels, and the Cholesky factor L (3, 3) of I + D D^T.
 
-    False behind the camera. Rows without a pixel (NaN) become zero.
+    False behind the camera. Rows without a pixel (NaN) become zero. J is found if `derive`.
     """
     f, cx, cy, baseline, offset = lens
     x, y, d = baseline * (at[0] - cx), baseline * (at[1] - cy), at[0] - at[2] - offset
@@ -85,6 +85,8 @@ def _observe(z, at, pixels, R, A, T, M, p, lens, r, J, D, L):
         if row == 2:
             by_d -= scale * baseline
         D[row, 0], D[row, 1], D[row, 2] = by_u + by_d, by_v, -by_d
+        if not derive:
+            continue
         # by the point on the robot now, times d
         g0 = M[0, across] * scale - M[0, 2] * slope
         g1 = M[1, across] * scale - M[1, 2] * slope
@@ -137,7 +139,7 @@ def misfits(keys, at, pixels, R, t, M, p, lens):
     r, J, D, L = np.empty(3), np.empty((3, 7)), np.empty((3, 3)), np.empty((3, 3))
     A, T = _placed(R, t, M, p)
     for i in range(n):
-        if not _observe(keys[i], at[i], pixels[i], R, A, T, M, p, lens, r, J, D, L):
+        if not _observe(keys[i], at[i], pixels[i], R, A, T, M, p, lens, False, r, J, D, L):
             out[i] = np.inf
             continue
         _whiten(L, r)
@@ -155,7 +157,7 @@ def relinearised(keys, at, pixels, agree, R, t, M, p, lens):
     for i in range(len(keys)):
         if not agree[i]:
             continue
-        if not _observe(keys[i], at[i], pixels[i], R, A, T, M, p, lens, r, J, D, L):
+        if not _observe(keys[i], at[i], pixels[i], R, A, T, M, p, lens, False, r, J, D, L):
             continue
         _whiten(L, r)
         _unwhiten(L, r)
@@ -178,7 +180,7 @@ def normal_equations(keys, at, pixels, sigma, weights, R, t, M, p, lens):
         if weights[i] <= 0.0:
             continue
         w, square = weights[i] / sigma[i] ** 2, weights[i] ** 2 / sigma[i] ** 2
-        if not _observe(keys[i], at[i], pixels[i], R, A, T, M, p, lens, r, J, D, L):
+        if not _observe(keys[i], at[i], pixels[i], R, A, T, M, p, lens, True, r, J, D, L):
             continue
         _whiten(L, r)
         for k in range(7):
@@ -295,7 +297,7 @@ def hypotheses(keys, pixels, triples, R, t, M, p, lens, prior, gate, head_start)
     if best >= n * gate:
         needed = 0
     for k in range(len(triples)):
-        if k >= needed:
+        if k >= needed or best >= gate * n:  # no pose can score more than that
             break
         three = triples[k]
         if three[0] == three[1] or three[1] == three[2] or three[0] == three[2]:

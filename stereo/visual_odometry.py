@@ -7,7 +7,7 @@ not drift. A pair becomes the next key frame when too few points of the last one
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -130,6 +130,7 @@ class VisualOdometry:
 
     def _seen(self, pose: Pose | None, found: int, renewed: bool) -> Sighting:
         assert pose is not None
+        pose = replace(pose, row_error=self.row_errors.size)
         self._pose = (pose.R, pose.t)
         return Sighting(pose, found, renewed)
 
