@@ -11,6 +11,7 @@ import numpy as np
 from stereo.pose_kernels import (
     MIN_SHRINK,
     hypotheses,
+    improved,
     misfits,
     normal_equations,
     relinearised,
@@ -154,9 +155,9 @@ def find_pose(
     camera = (view.rotation, view.position, (*view.lens, offset.value))
     prior = np.array([0.0, 0.0, CLIMB**-2, TIP**-2, TIP**-2, 0.0, 1.0 / offset.variance])
     triples = np.random.default_rng(key).integers(len(keys), size=(TRIPLES, 3))
-    R, t = hypotheses(
-        keys, pixels, triples, *guess, *camera, prior[:6] * NOISE**2, GATE**2, head_start
-    )
+    held = prior[:6] * NOISE**2
+    R, t = improved(keys, pixels, *guess, *camera, held, GATE**2)
+    R, t = hypotheses(keys, pixels, triples, R, t, *camera, held, GATE**2, head_start)
     agree = misfits(keys, keys, pixels, R, t, *camera) < GATE**2
     if agree.sum() < LEAST_AGREE:
         return None

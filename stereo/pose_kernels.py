@@ -28,7 +28,6 @@ import numpy as np
 FIT_ROUNDS = 4
 LONGEST_STEP = 10.0  # m, rad: a fit that goes further has gone astray
 LEAST_TRIPLES = 5
-# The pose near the guess is found from about so many points, with weights that wide, times `gate`.
 SOME = 60
 WIDTHS = (64.0, 16.0, 4.0, 1.0, 1.0)
 SURE = 1e-3  # chance that no triple without a false match was drawn
@@ -220,52 +219,57 @@ def stepped(R, t, step):
 
 
 @numba.njit(cache=True, nogil=True)
-def _newton(H, b, R, t, prior):
-    """A step from (R, t) by the sums of `normal_equations`, the offset held; whether it is no
-    longer than can be, R, t."""
-    H, b = H[:6, :6].copy(), b[:6].copy()
-    for m in range(6):
-        H[m, m] += prior[m] + 1e-9
-    b[2] += prior[2] * t[2]
-    b[3] += prior[3] * R[2, 1]
-    b[4] -= prior[4] * R[2, 0]
-    step = -np.linalg.solve(H, b)
-    if not np.sqrt(np.sum(step * step)) < LONGEST_STEP:
-        return False, R, t
-    R, t = stepped(R, t, step)
-    return True, R, t
-
-
-@numba.njit(cache=True, nogil=True)
 def _fit(keys, pixels, R, t, M, p, lens, prior):
     """Gauss and Newton's method from (R, t) on a few points; whether it settled, R, t."""
     ones = np.ones(len(keys))
     for _ in range(FIT_ROUNDS):
         H, b, _ = normal_equations(keys, keys, pixels, ones, ones, R, t, M, p, lens)
-        settled, R1, t1 = _newton(H, b, R, t, prior)
-        if not settled:
+        H, b = H[:6, :6].copy(), b[:6].copy()
+        for m in range(6):
+            H[m, m] += prior[m] + 1e-9
+        b[2] += prior[2] * t[2]
+        b[3] += prior[3] * R[2, 1]
+        b[4] -= prior[4] * R[2, 0]
+        step = -np.linalg.solve(H, b)
+        size = np.sqrt(np.sum(step * step))
+        if not size < LONGEST_STEP:
             return False, R, t
-        moved = np.sum((t1 - t) ** 2) + np.sum((R1 - R) ** 2)
-        R, t = R1, t1
-        if moved < 1e-6:
+        R, t = stepped(R, t, step)
+        if size < 1e-3:
             break
     return True, R, t
 
 
 @numba.njit(cache=True, nogil=True)
-def _near(keys, pixels, R, t, M, p, lens, prior, gate):
-    """The pose near (R, t) on which the points agree: Gauss and Newton's method with the weights
-    of Geman and McClure, whose width shrinks to that of `gate` (graduated non-convexity, Blake
-    and Zisserman 1987)."""
-    ones = np.ones(len(keys))
+def improved(keys, pixels, R, t, M, p, lens, prior, gate):
+    """The pose near the guess (R, t) on which the points agree, or the guess where that is better.
+
+    Gauss and Newton's method on about `SOME` points, with the weights of Geman and McClure, whose
+    width shrinks to that of `gate` (graduated non-convexity, Blake and Zisserman 1987). prior,
+    gate: as of `hypotheses`, which then mostly has nothing to search.
+    """
+    some = max(len(keys) // SOME, 1)
+    few, seen = keys[::some], pixels[::some]
+    ones = np.ones(len(few))
+    R1, t1 = R, t
     for wide in WIDTHS:
-        squared = misfits(keys, keys, pixels, R, t, M, p, lens)
+        squared = misfits(few, few, seen, R1, t1, M, p, lens)
         weights = (wide * gate / (wide * gate + squared)) ** 2
-        H, b, _ = normal_equations(keys, keys, pixels, ones, weights, R, t, M, p, lens)
-        settled, R1, t1 = _newton(H, b, R, t, prior)
-        if not settled:
-            break
-        R, t = R1, t1
+        H, b, _ = normal_equations(few, few, seen, ones, weights, R1, t1, M, p, lens)
+        H, b = H[:6, :6].copy(), b[:6].copy()
+        for m in range(6):
+            H[m, m] += prior[m] + 1e-9
+        b[2] += prior[2] * t1[2]
+        b[3] += prior[3] * R1[2, 1]
+        b[4] -= prior[4] * R1[2, 0]
+        step = -np.linalg.solve(H, b)
+        if not np.sqrt(np.sum(step * step)) < LONGEST_STEP:
+            return R, t
+        R1, t1 = stepped(R1, t1, step)
+    before = np.sum(np.maximum(gate - misfits(keys, keys, pixels, R, t, M, p, lens), 0.0))
+    after = np.sum(np.maximum(gate - misfits(keys, keys, pixels, R1, t1, M, p, lens), 0.0))
+    if after > before:
+        return R1, t1
     return R, t
 
 
@@ -278,8 +282,7 @@ def hypotheses(keys, pixels, triples, R, t, M, p, lens, prior, gate, head_start)
     expected (RANSAC, Fischler and Bolles 1981). prior: (6,) weights that hold height, roll and
     pitch. A point agrees when its misfit is below `gate`; what counts is the sum of
     (gate - misfit) (MSAC, Torr and Zisserman 2000), which does not reward a sloppy fit. Others
-    must beat (R, t) itself, and the pose near it on which points agree, by the factor
-    `head_start`; where nothing could, none is tried.
+    must beat (R, t) itself by the factor `head_start`.
 
     Returns:
         R, t of the best.
@@ -287,15 +290,7 @@ def hypotheses(keys, pixels, triples, R, t, M, p, lens, prior, gate, head_start)
     n = len(keys)
     squared = misfits(keys, keys, pixels, R, t, M, p, lens)
     best, best_R, best_t = head_start * np.sum(np.maximum(gate - squared, 0.0)), R, t
-    some = max(n // SOME, 1)
-    R1, t1 = _near(keys[::some], pixels[::some], R, t, M, p, lens, prior, gate)
-    squared = misfits(keys, keys, pixels, R1, t1, M, p, lens)
-    score = head_start * np.sum(np.maximum(gate - squared, 0.0))
-    if score > best:
-        best, best_R, best_t = score, R1, t1
     needed = len(triples)
-    if best >= n * gate:
-        needed = 0
     for k in range(len(triples)):
         if k >= needed or best >= gate * n:  # no pose can score more than that
             break
