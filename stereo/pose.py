@@ -21,7 +21,7 @@ from stereo.rectify import RectifiedCamera
 
 TRIPLES = 80
 STEPS = 12
-SETTLED = 1e-5  # m, rad
+SETTLED = 1e-4  # m, rad
 LEAST_AGREE = 6
 # A point agrees with a hypothesis within so many pixels.
 GATE = 3.0

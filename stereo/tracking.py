@@ -25,7 +25,7 @@ NEAR = 1  # the coarsest level needed when the guess is good to some pixels
 # (8/3)^2 of them count for one. Interpolation errs by so much besides [px].
 SMOOTHED = 64.0 / 9.0
 INTERPOLATED = 0.08
-ENOUGH = 0.6  # of the points found: the guess was good
+ENOUGH = 0.6  # of the points expected in view found: the guess was good
 DESCRIBED = 2  # the level whose windows tell points apart
 
 
@@ -101,12 +101,16 @@ class KeyFrame:
             [px]; found (n,) bool.
         """
         expected = np.isfinite(guess.sum(axis=1))
+        height, width = pyramids.left[0].shape
+        with np.errstate(invalid="ignore"):
+            seen = expected & (guess[:, :2] >= 0.0).all(axis=1)
+            seen &= (guess[:, 0] < width) & (guess[:, 1] < height)
         # Most guesses are good: only where they are not is looked for farther away.
         for coarsest in (NEAR, LEVELS - 1):
             place = np.where(expected[:, None], guess[:, :2], -1e6)
             likeness = self._place(pyramids.left, place, nearer, coarsest)
             found = likeness > ALIKE
-            if found.sum() > ENOUGH * len(self):
+            if found.sum() > ENOUGH * seen.sum():
                 break
         right = place.copy()
         right[:, 0] -= np.where(expected, guess[:, 0] - guess[:, 2], 0.0)
