@@ -90,9 +90,13 @@ class SystematicErrors:
         return replace(motion, covariance=motion.covariance + J @ self.covariance @ J.T)
 
     def learn(self, corrected: Motion, better: Motion) -> None:
-        """Take in both odometries' motion over the same time."""
-        J = _jacobian(corrected.increment)
-        travel = math.hypot(*corrected.increment[:2]) + abs(corrected.increment[2])
+        """Take in both odometries' motion over the same time.
+
+        The way is the better one's: in that of the wheels every error of a step is held against
+        itself, as if all of it were a part of what the wheels report.
+        """
+        J = _jacobian(better.increment)
+        travel = math.hypot(*better.increment[:2]) + abs(better.increment[2])
         self.covariance = self.covariance + np.diag((CHANGING * USUAL) ** 2) * travel
         left = _difference(better, corrected)
         S = J @ self.covariance @ J.T + corrected.covariance + better.covariance + np.diag(LEAST**2)

@@ -29,6 +29,8 @@ UNRELIABLE = 10.0
 FASTER = 1.5  # times the greatest speed of the wheels: no robot
 # A difference that noise alone exceeds once in twenty times (chi-square, three degrees of freedom).
 USUAL_DIFFERENCE = 7.8
+# Wheels that went so far [m, rad] have changed the view.
+FROZEN = (0.1, math.radians(10.0))
 FLAT = 2.0  # grey levels: images without more contrast are all alike
 # So well do images know what wheels do wrong throughout (baseline, focal length) [share, share,
 # rad/m].
@@ -134,7 +136,9 @@ class FusedMotion:
             self._same = Motion.none(0)
             return False
         self._same = self._same.then(wheels)
-        return disagreement(self._same, Motion.none(0)) > GATE
+        x, y, turn = self._same.increment.tolist()
+        far = math.hypot(x, y) > FROZEN[0] or abs(turn) > FROZEN[1]
+        return far and disagreement(self._same, Motion.none(0)) > GATE
 
     def _expected(self, wheels: Motion | None, stamp: int) -> Motion | None:
         """Of the images, since they answered last; None: the wheels cannot tell."""
