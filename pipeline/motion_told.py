@@ -13,15 +13,35 @@ from pipeline.visual_motion import BRIDGED, GUESSED, Loss, VisualMotion
 MOST_TOLD = 3
 # Wheels slip a little on every floor [m, rad].
 WORTH_TELLING = (0.02, math.radians(2.0))
+# An offset of all disparities worth a word [px], and in standard deviations.
+WRONG_OFFSET, SIGNIFICANT = 0.5, 5.0
 
 
 def told(motion: AnyMotion, begin: int) -> list[Finding]:
     """Findings on lost tracking and slipping wheels; times count from the stamp `begin` [ns]."""
     if isinstance(motion, VisualMotion):
-        return _losses(motion.all_losses(), begin)
+        return [*_losses(motion.all_losses(), begin), *_offset(motion)]
     if isinstance(motion, FusedMotion):
-        return [*_losses(motion.visual.all_losses(), begin), *_slips(motion.slips, begin)]
+        losses = _losses(motion.visual.all_losses(), begin)
+        return [*losses, *_slips(motion.slips, begin), *_offset(motion.visual)]
     return []
+
+
+def _offset(motion: VisualMotion) -> list[Finding]:
+    """Whether the motion shows that the ranges are wrong."""
+    value, variance = motion.offset
+    if abs(value) < max(WRONG_OFFSET, SIGNIFICANT * math.sqrt(variance)):
+        return []
+    large = "large" if value > 0 else "small"
+    return [
+        Finding(
+            f"the images' motion shows that all disparities are {abs(value):.1f} px too {large}: "
+            "ranges are wrong by that",
+            "calibrate the cameras again",
+            grade=Grade.DOUBTFUL,
+            short=f"all disparities are {abs(value):.1f} px too {large}",
+        )
+    ]
 
 
 def _losses(losses: Sequence[Loss], begin: int) -> list[Finding]:

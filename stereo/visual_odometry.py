@@ -24,6 +24,8 @@ RENEW = 0.5
 RELOCATE = 0.25
 # Something large that moves by itself must show so many more points than what the guess explains.
 HEAD_START = 1.5
+# Cameras get warm: disparities shift by so much from key frame to key frame [px].
+WANDER = 1e-3
 # Parts of the image, in either direction, of which each has its own error of rectification; points
 # that one must have.
 CELLS = 4
@@ -125,7 +127,8 @@ class VisualOdometry:
         sighting = self._seen(pose, found, renewed)
         if renewed:
             self._renew(fresh)
-            self.offset = pose.offset
+            value, variance = pose.offset
+            self.offset = Offset(value, variance + WANDER**2)
         return sighting
 
     def _seen(self, pose: Pose | None, found: int, renewed: bool) -> Sighting:
