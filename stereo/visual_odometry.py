@@ -111,7 +111,7 @@ class VisualOdometry:
         """
         assert self._key is not None, "start() comes first"
         self._count += 1
-        found, pose = self._follow(self._key, pyramids, self._ahead(expected))
+        found, pose = self._follow(self._key, pyramids, self._ahead(expected), HEAD_START)
         share = 0.0 if pose is None else np.mean(pose.inliers) * found / len(self._key)
         if share >= RENEW:
             return self._seen(pose, found, False)
@@ -150,7 +150,11 @@ class VisualOdometry:
         return R @ turn, t + R @ np.array([motion[0], motion[1], 0.0])
 
     def _follow(
-        self, key: KeyFrame, pyramids: Pyramids, guess: tuple[np.ndarray, np.ndarray]
+        self,
+        key: KeyFrame,
+        pyramids: Pyramids,
+        guess: tuple[np.ndarray, np.ndarray],
+        head_start: float,
     ) -> tuple[int, Pose | None]:
         """How many points are found near where the guess has them, and the pose they give."""
         after = self.view.predict(key.pixels, *guess, self.offset.value)
@@ -162,7 +166,7 @@ class VisualOdometry:
             self.view,
             guess,
             (self._seed, self._count, 0),
-            HEAD_START,
+            head_start,
             self.offset,
         )
 
@@ -181,4 +185,5 @@ class VisualOdometry:
         )
         if rough is None:
             return 0, None
-        return self._follow(key, pyramids, (rough.R, rough.t))
+        # The few points alike may have agreed on a false pose: all that are found say better.
+        return self._follow(key, pyramids, (rough.R, rough.t), 1.0)
