@@ -21,12 +21,14 @@ MIN_WRONG = 10
 # Counts of fused steps, each of which has one.
 STEPS = ("fused", "wheels_alone", "wheels_wrong", "images_alone", "images_doubted", "guessed")
 WHEELS, IMAGES = "the wheels were used there", "the images were used there"
+# An offset of all disparities worth a word [px], and in standard deviations.
+WRONG_OFFSET, SIGNIFICANT = 0.5, 5.0
 
 
 def told(motion: AnyMotion, begin: int) -> list[Finding]:
     """Findings on lost tracking and slipping wheels; times count from the stamp `begin` [ns]."""
     if isinstance(motion, VisualMotion):
-        return _losses(motion.all_losses(), begin)
+        return [*_losses(motion.all_losses(), begin), *_offset(motion)]
     if isinstance(motion, FusedMotion):
         # The last loss may not have ended: no guess, but what the wheels bridged.
         losses = [
@@ -37,8 +39,26 @@ def told(motion: AnyMotion, begin: int) -> list[Finding]:
             *_losses(losses, begin, wheels=True),
             *_images_failed(motion.counts),
             *_wheels_failed(motion, begin),
+            *_offset(motion.visual),
         ]
     return []
+
+
+def _offset(motion: VisualMotion) -> list[Finding]:
+    """Whether the motion shows that the ranges are wrong."""
+    value, variance = motion.offset
+    if abs(value) < max(WRONG_OFFSET, SIGNIFICANT * math.sqrt(variance)):
+        return []
+    large = "large" if value > 0 else "small"
+    return [
+        Finding(
+            f"the images' motion shows that all disparities are {abs(value):.1f} px too {large}: "
+            "ranges are wrong by that",
+            "calibrate the cameras again",
+            grade=Grade.DOUBTFUL,
+            short=f"all disparities are {abs(value):.1f} px too {large}",
+        )
+    ]
 
 
 def _losses(losses: Sequence[Loss], begin: int, wheels: bool = False) -> list[Finding]:

@@ -10,7 +10,7 @@ import numpy as np
 from calibration.rig import Mount, StereoRig
 from odometry.motion import Motion, compose, inverse
 from stereo.pair import StereoPair
-from stereo.pose import Pose, View
+from stereo.pose import Offset, Pose, View
 from stereo.rectify import Rectifier
 from stereo.tracking import Pyramids
 from stereo.visual_odometry import Sighting, VisualOdometry
@@ -67,6 +67,11 @@ class VisualMotion:
         self.losses: list[Loss] = []
         self.sighting: Sighting | None = None
 
+    @property
+    def offset(self) -> Offset:
+        """By how much all disparities of the rectified pair are too large."""
+        return self._odometry.offset
+
     def prepare(self, pair: StereoPair) -> Pyramids:
         """What is looked at; from any thread. Raises StereoError: the images do not fit."""
         return Pyramids.of(*self._rectify(pair.left, pair.right))
@@ -122,7 +127,7 @@ class VisualMotion:
             "visual_key_frames": self._key_frames,
             "visual_inliers_median": float(np.median(self._inliers)) if self._inliers else 0.0,
             "visual_row_error_px": round(self._odometry.row_errors.size, 3),
-            "visual_disparity_offset_px": round(self._odometry.offset.value, 3),
+            "visual_disparity_offset_px": round(self.offset.value, 3),
             "visual_noise_px": round(float(np.median(self._noise)), 3) if self._noise else 0.0,
         }
 

@@ -35,9 +35,9 @@ NOISE = 0.3
 NOISE_COUNT = 30.0
 CHI2_MEDIAN = (1.386, 2.366)  # of two and of three degrees of freedom
 # Errors of points are correlated (windows over edges of depth, interpolation), so that they count
-# for fewer than there are: on rendered drives poses err by 1.3 to 1.5 times as much as with
+# for fewer than there are: on rendered drives poses err by 1.4 to 1.5 times as much as with
 # independent errors of the same size.
-TOGETHER = 2.0
+TOGETHER = 2.2
 # A robot on a floor neither climbs [m] nor tips [rad] more than this on the way from key frame to
 # key frame; what the view says counts far more, where there is a view.
 CLIMB, TIP = 0.10, math.radians(3.0)

@@ -24,6 +24,8 @@ RENEW = 0.5
 RELOCATE = 0.25
 # Something large that moves by itself must show so many more points than what the guess explains.
 HEAD_START = 1.5
+# Cameras get warm: disparities shift by so much from key frame to key frame [px].
+WANDER = 1e-3
 # Parts of the image, in either direction, of which each has its own error of rectification; points
 # that one must have.
 CELLS = 4
@@ -109,7 +111,7 @@ class VisualOdometry:
         """
         assert self._key is not None, "start() comes first"
         self._count += 1
-        found, pose = self._follow(self._key, pyramids, self._ahead(expected))
+        found, pose = self._follow(self._key, pyramids, self._ahead(expected), HEAD_START)
         share = 0.0 if pose is None else np.mean(pose.inliers) * found / len(self._key)
         if share >= RENEW:
             return self._seen(pose, found, False)
@@ -125,7 +127,8 @@ class VisualOdometry:
         sighting = self._seen(pose, found, renewed)
         if renewed:
             self._renew(fresh)
-            self.offset = pose.offset
+            value, variance = pose.offset
+            self.offset = Offset(value, variance + WANDER**2)
         return sighting
 
     def _seen(self, pose: Pose | None, found: int, renewed: bool) -> Sighting:
@@ -147,7 +150,11 @@ class VisualOdometry:
         return R @ turn, t + R @ np.array([motion[0], motion[1], 0.0])
 
     def _follow(
-        self, key: KeyFrame, pyramids: Pyramids, guess: tuple[np.ndarray, np.ndarray]
+        self,
+        key: KeyFrame,
+        pyramids: Pyramids,
+        guess: tuple[np.ndarray, np.ndarray],
+        head_start: float,
     ) -> tuple[int, Pose | None]:
         """How many points are found near where the guess has them, and the pose they give."""
         after = self.view.predict(key.pixels, *guess, self.offset.value)
@@ -159,7 +166,7 @@ class VisualOdometry:
             self.view,
             guess,
             (self._seed, self._count, 0),
-            HEAD_START,
+            head_start,
             self.offset,
         )
 
@@ -178,4 +185,5 @@ class VisualOdometry:
         )
         if rough is None:
             return 0, None
-        return self._follow(key, pyramids, (rough.R, rough.t))
+        # The few points alike may have agreed on a false pose: all that are found say better.
+        return self._follow(key, pyramids, (rough.R, rough.t), 1.0)

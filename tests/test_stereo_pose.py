@@ -72,7 +72,7 @@ def trial(
     inside = (now[:, :2] > 0).all(axis=1) & (now[:, 0] < 640) & (now[:, 1] < 480)
     unknown = rng.random(len(true)) < 0.2
     now[unknown, 2] = np.nan
-    keys, now, sigma = true[inside], now[inside], np.full(np.sum(inside), NOISE)
+    keys, now, sigma = true[inside], now[inside], np.full(int(inside.sum()), NOISE)
     known = Offset() if offset else CALIBRATED
     return find_pose(keys, now, sigma, camera, STILL, (seed,), offset=known)
 
@@ -204,10 +204,11 @@ def test_residuals_and_their_derivatives_are_those_of_the_projection():
     sigma, weights = rng.uniform(0.1, 0.5, 12), rng.uniform(0.1, 1.0, 12)
     H, b, H2 = normal_equations(*arguments, sigma, weights, R, t, *place)
     w = weights / sigma**2
-    close = {"rtol": 1e-4, "atol": 1e-3}
-    assert np.allclose(H, np.einsum("n,nik,nij,njl->kl", w, J, S, J), **close)
-    assert np.allclose(b, np.einsum("n,nik,nij,nj->k", w, J, S, r), **close)
-    assert np.allclose(H2, np.einsum("n,nik,nij,njl->kl", w * weights, J, S @ S, J), **close)
+    assert np.allclose(H, np.einsum("n,nik,nij,njl->kl", w, J, S, J), rtol=1e-4, atol=1e-3)
+    assert np.allclose(b, np.einsum("n,nik,nij,nj->k", w, J, S, r), rtol=1e-4, atol=1e-3)
+    assert np.allclose(
+        H2, np.einsum("n,nik,nij,njl->kl", w * weights, J, S @ S, J), rtol=1e-4, atol=1e-3
+    )
 
 
 def best_of(keys, pixels, triples, R, t, place, prior, gate, head_start):
