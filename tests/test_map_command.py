@@ -93,7 +93,8 @@ def test_the_settings_of_a_run_repeat_it(beemap, office_piece, tmp_path):
     assert contents(first) == contents(second)
     third = tmp_path / "c"
     assert beemap("map", office_piece, "-o", third, *arguments, "--seed", 2).code == 0
-    assert contents(third)["trajectory.tum"] != contents(first)["trajectory.tum"]
+    # Another seed is another filter; the odometry of images and wheels may be the same.
+    assert contents(third)["health.csv"] != contents(first)["health.csv"]
 
 
 def test_quiet_says_nothing(beemap, office_piece, tmp_path):
