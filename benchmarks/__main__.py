@@ -9,6 +9,7 @@ from benchmarks import (
     accuracy,
     batch,
     calibration,
+    consistency,
     end_to_end,
     live,
     logs,
@@ -42,7 +43,17 @@ stereo = (
     stereo_end_to_end,
 )
 encoders = (serial_faults, wheel_calibration, live, web, batch)
-sections = (end_to_end, accuracy, *stereo, visual, logs, calibration, *encoders, simulated)
+sections = (
+    end_to_end,
+    accuracy,
+    *stereo,
+    visual,
+    consistency,
+    logs,
+    calibration,
+    *encoders,
+    simulated,
+)
 page = "\n\n".join([TITLE, *(section.main() for section in sections)]) + "\n"
 print(page)
 Path(sys.argv[1]).write_text(page, encoding="utf-8")

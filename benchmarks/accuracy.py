@@ -38,7 +38,10 @@ def _office(output: Path) -> list[str]:
     rows = []
     for seed in OFFICE_SEEDS:
         map_recording(OFFICE, output, "--seed", str(seed))
-        rows.append([f"encoders, seed {seed}", *_path_errors(output), *_map_errors(output)])
+        rows.append([f"fused, seed {seed}", *_path_errors(output), *_map_errors(output)])
+    for motion in ("visual", "encoders"):
+        map_recording(OFFICE, output, "--motion", motion)
+        rows.append([motion, *_path_errors(output), *_map_errors(output)])
     map_recording(OFFICE, output, "--motion", "poses")
     rows.append(["exact poses", *_path_errors(output), *_map_errors(output)])
     header = ["motion", "ATE [m]", "dead reckoning [m]", "F1", "precision", "recall", "E"]

@@ -49,12 +49,16 @@ class LiveOdometry:
         self._rows: deque[tuple[int, float, float, bool, float, float]] = deque()
         self._origin: tuple[int, int] | None = None
         self._previous: int | None = None
+        self._silent = False
         self._counts: Counter[str] = Counter(ticks=0, pairs_without_motion=0)
 
     def until(self, stamp: int) -> Motion | None:
         """Motion since the stamp answered before; None where no ticks came."""
-        in_time = self._tap.wait_until(stamp - self._offset, self._wait_s)
-        for reading in self._tap.readings():
+        # Silent wheels are waited for once: a camera is not to wait for them pair after pair.
+        in_time = self._tap.wait_until(stamp - self._offset, 0.0 if self._silent else self._wait_s)
+        readings = self._tap.readings()
+        self._silent = not in_time and not readings
+        for reading in readings:
             self._add(reading)
         if not in_time or stamp < self._rows[0][0] or stamp < (self._previous or stamp):
             self._counts["pairs_without_motion"] += 1

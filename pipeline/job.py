@@ -91,7 +91,7 @@ def recording_job(
     """
     rig, notes = choose_rig(recording, rig_file)
     if motion is None:
-        motion, more = usual_motion(recording)
+        motion, more = usual_motion(recording, rig, settings.odometry)
         notes += more
     source = motion_of(motion, recording, rig, settings, seed)
 

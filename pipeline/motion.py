@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from calibration.rig import StereoRig
 from odometry.dead_reckoning import DeadReckoning
 from odometry.encoders import EncoderParameters, encoder_parameters
+from odometry.errors import OdometryError
 from odometry.poses import PoseOdometry
 from odometry.settings import OdometrySettings
 from odometry.source import EncoderOdometry, MotionSource
@@ -40,12 +41,19 @@ def absolute_choice(choice: str) -> str:
     return f"{kind}:{Path(file).resolve()}" if file else choice
 
 
-def usual_motion(recording: Recording) -> tuple[str, list[str]]:
-    """What a recording is mapped with unless the user chooses; and notes that he must hear."""
-    if recording.ticks is not None:
-        return "encoders", []
-    if recording.odometry is not None:
-        return "odometry", []
+def usual_motion(
+    recording: Recording, rig: StereoRig, settings: OdometrySettings
+) -> tuple[str, list[str]]:
+    """What a recording is mapped with unless the user chooses; and notes for the user.
+
+    The images, and the wheels with them where their record can be used: one that cannot stops no
+    run, but is noted.
+    """
+    wheels, faults = _recorded_wheels(recording, rig, settings)
+    if wheels is not None:
+        return "fused", faults
+    if faults:
+        return "visual", [f"{'; '.join(faults)}: motion is found from the images alone"]
     also = "" if recording.poses is None else " (--motion poses takes the recording's own poses)"
     return "visual", [f"no wheel ticks in the recording: its motion is found from the images{also}"]
 
@@ -62,14 +70,33 @@ def motion_of(
         return choose_motion(choice, recording, rig, settings.odometry, seed)
     if choice == "visual":
         return looking(rig, None, settings, seed)
-    if recording.ticks is None and recording.odometry is None:
+    wheels, faults = _recorded_wheels(recording, rig, settings.odometry)
+    if wheels is None:
         raise InputError(
-            f"{recording.path}: holds no wheel ticks (odom0/data.csv) to fuse with: give "
+            "; ".join(faults)
+            or f"{recording.path}: holds no wheel ticks (odom0/data.csv) to fuse with: give "
             "--motion visual"
         )
-    kind = "odometry" if recording.ticks is None else "encoders"
-    wheels = choose_motion(kind, recording, rig, settings.odometry, seed)
     return looking(rig, wheels, settings, seed)
+
+
+def _recorded_wheels(
+    recording: Recording, rig: StereoRig, settings: OdometrySettings
+) -> tuple[MotionSource | None, list[str]]:
+    """The wheels' motion, by their ticks or else by odometry kept as poses; None: there is none
+    that can be used. And what is wrong with those that cannot."""
+    faults: list[str] = []
+    if recording.ticks is not None or BROKEN_TICKS in recording.skipped:
+        try:
+            return _encoders(recording, rig, settings), faults
+        except (InputError, OdometryError) as error:
+            faults.append(str(error))
+    if recording.odometry is not None:
+        try:
+            return choose_motion("odometry", recording, rig, settings, 0), faults
+        except OdometryError as error:
+            faults.append(str(error))
+    return None, faults
 
 
 def looking(
@@ -81,7 +108,8 @@ def looking(
 
     if wheels is None:
         return VisualMotion(rig, settings.visual, seed)
-    return FusedMotion(VisualMotion(rig, settings.visual, seed, hold=False), wheels)
+    visual = VisualMotion(rig, settings.visual, seed, hold=False)
+    return FusedMotion(visual, wheels, settings.odometry.max_speed)
 
 
 def choose_motion(

@@ -104,6 +104,8 @@ class RunFolder:
             recording = inside
         text = (self.path / "settings.yaml").read_text(encoding="utf-8")
         changes = {"settings": text} | ({"input": str(recording)} if recording else {})
+        if asked.motion is None and isinstance(asked_for := self.facts.get("motion"), str):
+            changes["motion"] = asked_for  # the default may have been another one then
         return msgspec.structs.replace(asked, **changes)
 
 

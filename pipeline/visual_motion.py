@@ -10,7 +10,7 @@ import numpy as np
 from calibration.rig import Mount, StereoRig
 from odometry.motion import Motion, compose, inverse
 from stereo.pair import StereoPair
-from stereo.pose import Pose, View
+from stereo.pose import Offset, Pose, View
 from stereo.rectify import Rectifier
 from stereo.tracking import Pyramids
 from stereo.visual_odometry import Sighting, VisualOdometry
@@ -19,8 +19,8 @@ from stereo.visual_settings import VisualSettings
 # Rows within so much of the horizon, rise over run, are looked at: all of any ordinary lens.
 STEEPEST = 1.2
 # A robot whose pose differs from the last by less than its noise (chi-square of three degrees of
-# freedom, 1 %) has not moved as far as one can tell.
-STILL = 11.3
+# freedom, 0.1 %) has not moved as far as one can tell.
+STILL = 16.3
 # After so long without a match to the key frame a new one is begun [ns].
 PATIENCE = 1_000_000_000
 # The speed goes on for so long unseen [s]; what is not seen errs by so much [m/s, m/s, rad/s], at
@@ -47,6 +47,10 @@ class VisualMotion:
     hold: report a robot that stands as standing, not as trembling about one place.
     """
 
+    # Since the robot was last seen to move: pairs, and the covariance (3, 3) reported with them.
+    _still_pairs = 0
+    _still = np.zeros((3, 3))
+
     def __init__(
         self, rig: StereoRig, settings: VisualSettings, seed: int, hold: bool = True
     ) -> None:
@@ -62,6 +66,11 @@ class VisualMotion:
         self._noise: list[float] = []
         self.losses: list[Loss] = []
         self.sighting: Sighting | None = None
+
+    @property
+    def offset(self) -> Offset:
+        """By how much all disparities of the rectified pair are too large."""
+        return self._odometry.offset
 
     def prepare(self, pair: StereoPair) -> Pyramids:
         """What is looked at; from any thread. Raises StereoError: the images do not fit."""
@@ -93,7 +102,7 @@ class VisualMotion:
             return self._lose(stamp, pyramids, wheels is not None)
         if self._lost_since is not None:
             self._found(stamp, FOUND)
-        motion = self._increment(seen.pose, stamp)
+        motion = self._increment(seen.pose, stamp, seen.renewed)
         self._velocity = motion.increment / seconds
         self._stamp = stamp
         if seen.renewed:
@@ -102,6 +111,11 @@ class VisualMotion:
         self._inliers.append(seen.inliers)
         self._noise.append(seen.pose.noise)
         return motion
+
+    @property
+    def stamp(self) -> int | None:
+        """At which the next motion begins [ns]; None: nothing was seen yet."""
+        return self._stamp
 
     def report(self) -> dict[str, int | float]:
         """Counts for the summary of a run."""
@@ -112,6 +126,8 @@ class VisualMotion:
             "visual_guesses": sum(loss.end == GUESSED for loss in self.all_losses()),
             "visual_key_frames": self._key_frames,
             "visual_inliers_median": float(np.median(self._inliers)) if self._inliers else 0.0,
+            "visual_row_error_px": round(self._odometry.row_errors.size, 3),
+            "visual_disparity_offset_px": round(self.offset.value, 3),
             "visual_noise_px": round(float(np.median(self._noise)), 3) if self._noise else 0.0,
         }
 
@@ -126,6 +142,7 @@ class VisualMotion:
             return None
         self._key_frames += 1
         self._stamp, self._last = stamp, Pose.none()
+        self._still, self._still_pairs = np.zeros((3, 3)), 0
         return Motion.none(stamp)
 
     def _lose(self, stamp: int, pyramids: Pyramids, bridged: bool) -> Motion | None:
@@ -156,11 +173,11 @@ class VisualMotion:
         self.losses.append(Loss(first, stamp, end))
         self._lost_since = None
 
-    def _increment(self, pose: Pose, stamp: int) -> Motion:
+    def _increment(self, pose: Pose, stamp: int, renewed: bool = False) -> Motion:
         """Motion from the pose reported last to this one, both in the frame of the key frame.
 
         What both poses owe to the key frame's own pixels they share: only what the later one owes
-        more counts.
+        more counts. renewed: the pair is the next key frame; nothing can be put off any longer.
         """
         last = self._last
         assert self._stamp is not None
@@ -170,22 +187,42 @@ class VisualMotion:
         earlier = -later.copy()
         earlier[0, 2], earlier[1, 2] = increment[1], -increment[0]
         noise = later @ pose.of_pixels @ later.T + earlier @ last.of_pixels @ earlier.T
-        if self._hold and _squared(increment, noise) < STILL:
-            return Motion(np.zeros(3), np.zeros((3, 3)), self._stamp, stamp)
-        shared = pose.covariance - pose.of_pixels - (last.covariance - last.of_pixels)
-        covariance = noise + later @ _positive(shared) @ later.T + self._calibration(increment)
-        self._last = pose
-        return Motion(increment, covariance, self._stamp, stamp)
+        shared = self._of_key_frame(pose) - self._of_key_frame(last)
+        covariance = noise + later @ _positive(shared) @ later.T
+        if self._hold and not renewed and _squared(increment, noise) < STILL:
+            return self._held(increment, covariance, stamp)
+        # What moved while it was held is part of this step.
+        motion = Motion(increment, covariance + self._still, self._stamp, stamp)
+        self._last, self._still, self._still_pairs = pose, np.zeros((3, 3)), 0
+        return motion
 
-    def _calibration(self, increment: np.ndarray) -> np.ndarray:
-        """Covariance (3, 3) that comes from a baseline and focal length known so well."""
-        travel, turn = math.hypot(increment[0], increment[1]), abs(increment[2])
-        along, heading = self._settings.along, math.radians(self._settings.heading)
-        covariance = np.zeros((3, 3))
-        if travel > 0:
-            covariance[:2, :2] = along**2 / travel * np.outer(increment[:2], increment[:2])
-        covariance[2, 2] = heading**2 * (travel + turn)
-        return covariance
+    def _held(self, increment: np.ndarray, covariance: np.ndarray, stamp: int) -> Motion:
+        """No motion, though an increment (3,) was seen since the robot last moved.
+
+        It is put off, not dropped: the pose reported last stays the one to compare with. The
+        covariances of all pairs held so far add up to what is unknown of that increment, as their
+        errors do not: standing for long is no more uncertain than standing. The share of every
+        pair that is put off for nothing falls like 1 / n, as a mean's variance does.
+        """
+        assert self._stamp is not None
+        unknown = covariance + np.outer(increment, increment)
+        fresh = _positive(unknown - self._still)
+        if self._still_pairs:
+            fresh = fresh + covariance / (self._still_pairs + 1)
+        self._still_pairs += 1
+        self._still = self._still + fresh
+        return Motion(np.zeros(3), fresh, self._stamp, stamp)
+
+    def _of_key_frame(self, pose: Pose) -> np.ndarray:
+        """Covariance (3, 3) of a pose by the key frame's pixels and by the calibration."""
+        x, y, theta = pose.planar
+        settings = self._settings
+        share = pose.row_error / settings.rows
+        aside = math.radians(settings.across) * np.array([-y, x])
+        calibration = np.zeros((3, 3))
+        calibration[:2, :2] = settings.along**2 * np.outer([x, y], [x, y]) + np.outer(aside, aside)
+        calibration[2, 2] = math.radians(settings.heading) ** 2 * (x * x + y * y + theta * theta)
+        return pose.covariance - pose.of_pixels + share**2 * calibration
 
 
 def whole_view(rig: StereoRig) -> tuple[Rectifier, View]:

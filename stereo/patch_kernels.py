@@ -22,52 +22,40 @@ LEAST_GRADIENT = 1e-4  # smaller eigenvalue of a window's normalised gradients, 
 
 
 @numba.njit(cache=True, nogil=True, fastmath=True)
-def _sample(image, x, y, scale, window):
-    """Fill `window` (PIXELS,) around (x, y) px, normalised; its contrast, or -1 where it leaves
-    the image."""
+def _sample(image, x, y, scale, half, mixed, grey):
+    """Fill `grey` (side * side,) with the image around (x, y) px, 2 half + 1 pixels a side; false
+    where that leaves the image. mixed (W,): scratch."""
     height, width = image.shape
-    reach = HALF * scale
+    reach = half * scale
     if not (x - reach >= 0 and y - reach >= 0 and x + reach < width - 1 and y + reach < height - 1):
-        return -1.0
-    if abs(scale - 1.0) < 0.02:
-        u, v = int(np.floor(x)), int(np.floor(y))
-        a, b = np.float32(x - u), np.float32(y - v)
-        w00, w01 = (1 - a) * (1 - b), a * (1 - b)
-        w10, w11 = (1 - a) * b, a * b
-        u, v = u - HALF, v - HALF
-        for j in range(SIDE):
-            upper, lower = image[v + j], image[v + j + 1]
-            for i in range(SIDE):
-                k = u + i
-                window[j * SIDE + i] = (
-                    w00 * upper[k] + w01 * upper[k + 1] + w10 * lower[k] + w11 * lower[k + 1]
-                )
-    else:
-        for j in range(SIDE):
-            row = y + (j - HALF) * scale
-            v = int(row)
-            b = np.float32(row - v)
-            upper, lower = image[v], image[v + 1]
-            for i in range(SIDE):
-                column = x + (i - HALF) * scale
-                u = int(column)
-                a = np.float32(column - u)
-                window[j * SIDE + i] = (1 - b) * ((1 - a) * upper[u] + a * upper[u + 1]) + b * (
-                    (1 - a) * lower[u] + a * lower[u + 1]
-                )
-    mean = np.float32(0.0)
-    for k in range(PIXELS):
-        mean += window[k]
-    mean /= PIXELS
-    power = np.float32(0.0)
-    for k in range(PIXELS):
-        window[k] -= mean
-        power += window[k] * window[k]
-    contrast = np.sqrt(power / PIXELS)
-    if contrast > 0:
-        for k in range(PIXELS):
-            window[k] /= contrast
-    return contrast
+        return False
+    side = 2 * half + 1
+    one = np.float32(1.0)
+    plain = abs(scale - 1.0) < 0.02
+    if plain:
+        scale, reach = 1.0, float(half)
+    first = int(x - reach)
+    count = int(x + reach) + 2 - first
+    a = np.float32(x - int(x))
+    for j in range(side):
+        # First between two rows of the image, then between their columns.
+        place = y + (j - half) * scale
+        v = int(place)
+        b = np.float32(place - v)
+        upper, lower = image[v, first : first + count], image[v + 1, first : first + count]
+        for i in range(count):
+            mixed[i] = (one - b) * np.float32(upper[i]) + b * np.float32(lower[i])
+        row = grey[j * side : (j + 1) * side]
+        if plain:
+            for i in range(side):
+                row[i] = (one - a) * mixed[i] + a * mixed[i + 1]
+            continue
+        for i in range(side):
+            column = x + (i - half) * scale - first
+            u = int(column)
+            c = np.float32(column - u)
+            row[i] = (one - c) * mixed[u] + c * mixed[u + 1]
+    return True
 
 
 @numba.njit(cache=True, nogil=True, fastmath=True)
@@ -83,28 +71,38 @@ def remember(image, points):
     gradients = np.zeros((n, 2, PIXELS), np.float32)
     inverses = np.zeros((n, 2, 2), np.float32)
     usable = np.zeros(n, np.bool_)
-    ahead, behind = np.empty(PIXELS, np.float32), np.empty(PIXELS, np.float32)
-    one = np.float64(1.0)
+    wide = SIDE + 2  # with the neighbours that the gradients need
+    mixed, grey = np.empty(image.shape[1], np.float32), np.empty(wide * wide, np.float32)
     for i in range(n):
         x, y = np.float64(points[i, 0]), np.float64(points[i, 1])
-        contrast = _sample(image, x, y, one, windows[i])
+        if not _sample(image, x, y, np.float64(1.0), HALF + 1, mixed, grey):
+            continue
+        window, along, down = windows[i], gradients[i, 0], gradients[i, 1]
+        means = np.zeros(3, np.float32)
+        for v in range(SIDE):
+            at = (v + 1) * wide + 1
+            for u in range(SIDE):
+                k = v * SIDE + u
+                window[k] = grey[at + u]
+                along[k] = np.float32(0.5) * (grey[at + u + 1] - grey[at + u - 1])
+                down[k] = np.float32(0.5) * (grey[at + u + wide] - grey[at + u - wide])
+        for k in range(PIXELS):
+            means[0] += window[k]
+            means[1] += along[k]
+            means[2] += down[k]
+        means /= np.float32(PIXELS)
+        power = np.float32(0.0)
+        for k in range(PIXELS):
+            window[k] -= means[0]
+            power += window[k] * window[k]
+        contrast = np.sqrt(power / np.float32(PIXELS))
         if contrast < LEAST_CONTRAST:
             continue
-        inside = True
-        for axis in range(2):
-            dx, dy = (1.0, 0.0) if axis == 0 else (0.0, 1.0)
-            more = _sample(image, x + dx, y + dy, one, ahead)
-            less = _sample(image, x - dx, y - dy, one, behind)
-            if more < 0 or less < 0:
-                inside = False
-                break
-            for k in range(PIXELS):
-                gradients[i, axis, k] = 0.5 * (more * ahead[k] - less * behind[k]) / contrast
-        if not inside:
-            continue
-        a, b, c = 0.0, 0.0, 0.0
+        a, b, c = np.float32(0.0), np.float32(0.0), np.float32(0.0)
         for k in range(PIXELS):
-            gx, gy = gradients[i, 0, k], gradients[i, 1, k]
+            window[k] /= contrast
+            gx, gy = (along[k] - means[1]) / contrast, (down[k] - means[2]) / contrast
+            along[k], down[k] = gx, gy
             a += gx * gx
             b += gx * gy
             c += gy * gy
@@ -132,26 +130,43 @@ def follow(image, windows, gradients, inverses, usable, scale, position):
     """
     n = len(position)
     likeness = np.full(n, -1.0)
-    window = np.empty(PIXELS, np.float32)
+    mixed, grey = np.empty(image.shape[1], np.float32), np.empty(PIXELS, np.float32)
+    least = np.float32(PIXELS * LEAST_CONTRAST**2)
     for i in range(n):
         if not usable[i]:
             continue
+        window, along, down = windows[i], gradients[i, 0], gradients[i, 1]
+        own_p, own_q = np.float32(0.0), np.float32(0.0)
+        for k in range(PIXELS):
+            own_p += along[k] * window[k]
+            own_q += down[k] * window[k]
         x, y = position[i, 0], position[i, 1]
         settled = False
         for _ in range(ROUNDS):
-            if _sample(image, x, y, scale[i], window) < LEAST_CONTRAST:
+            if not _sample(image, x, y, scale[i], HALF, mixed, grey):
                 settled = False
                 break
-            p, q, same = np.float32(0.0), np.float32(0.0), np.float32(0.0)
+            # Windows and gradients have no mean: that of the image falls out of the products. Its
+            # middle is taken off, so that its power is no small difference of large numbers.
+            middle = grey[PIXELS // 2]
+            total, power, same = np.float32(0.0), np.float32(0.0), np.float32(0.0)
+            p, q = np.float32(0.0), np.float32(0.0)
             for k in range(PIXELS):
-                same += window[k] * windows[i, k]
-            for k in range(PIXELS):
-                e = window[k] - windows[i, k]
-                p += gradients[i, 0, k] * e
-                q += gradients[i, 1, k] * e
-            likeness[i] = same / PIXELS
+                g = grey[k] - middle
+                total += g
+                power += g * g
+                same += g * window[k]
+                p += g * along[k]
+                q += g * down[k]
+            power -= total * total / np.float32(PIXELS)
+            if power < least:
+                settled = False
+                break
+            contrast = np.sqrt(power / np.float32(PIXELS))
+            likeness[i] = same / (contrast * np.float32(PIXELS))
             if settled:
                 break
+            p, q = p / contrast - own_p, q / contrast - own_q
             dx = scale[i] * (inverses[i, 0, 0] * p + inverses[i, 0, 1] * q)
             dy = scale[i] * (inverses[i, 1, 0] * p + inverses[i, 1, 1] * q)
             x -= dx
@@ -167,20 +182,22 @@ def follow(image, windows, gradients, inverses, usable, scale, position):
     return likeness
 
 
-@numba.njit(cache=True, nogil=True, fastmath=True)
+@numba.njit(cache=True, nogil=True)
 def search_rows(left, right, points, disparities):
     """Whole disparities [px] at which points of the left image are found in the right one's row.
 
     left, right: rectified uint8 (H, W); points: (n, 2) px in the left one. Windows are compared
-    by the sum of absolute differences after their means are taken off. 0 where the best is not
+    by the sum of absolute differences after their means are taken off. -1 where the best is not
     clearly better than the second best elsewhere (by a fifth), or at the end of the search.
     """
     n = len(points)
     height, width = left.shape
     half = 4
-    size = (2 * half + 1) ** 2
-    found = np.zeros(n, np.int64)
-    costs = np.empty(disparities, np.int64)
+    side = 2 * half + 1
+    found = np.full(n, -1, np.int64)
+    costs, offsets = np.empty(disparities, np.int32), np.empty(disparities, np.int32)
+    strip = np.empty((side, disparities + side), np.int32)
+    sums = np.empty(disparities + side, np.int32)
     for i in range(n):
         u, v = int(np.rint(points[i, 0])), int(np.rint(points[i, 1]))
         if u < half or v < half or u >= width - half or v >= height - half:
@@ -188,31 +205,36 @@ def search_rows(left, right, points, disparities):
         most = min(disparities, u - half + 1)
         if most < 3:
             continue
-        mean = 0
-        for j in range(-half, half + 1):
-            for k in range(-half, half + 1):
-                mean += np.int64(left[v + j, u + k])
+        # The strip runs from right to left, as the disparities grow.
+        sums[:] = 0
+        for j in range(side):
+            for k in range(most + side - 1):
+                strip[j, k] = right[v - half + j, u + half - k]
+                sums[k] += strip[j, k]
+        mean = np.int32(0)
+        for j in range(side):
+            for k in range(side):
+                mean += np.int32(left[v - half + j, u - half + k])
         for d in range(most):
-            other = 0
-            for j in range(-half, half + 1):
-                for k in range(-half, half + 1):
-                    other += np.int64(right[v + j, u + k - d])
-            offset = (mean - other) // size
-            cost = 0
-            for j in range(-half, half + 1):
-                for k in range(-half, half + 1):
-                    cost += abs(
-                        np.int64(left[v + j, u + k]) - np.int64(right[v + j, u + k - d]) - offset
-                    )
-            costs[d] = cost
+            other = np.int32(0)
+            for k in range(side):
+                other += sums[d + k]
+            offsets[d] = (mean - other) // np.int32(side * side)
+            costs[d] = 0
+        for j in range(side):
+            for k in range(side):
+                grey = np.int32(left[v - half + j, u + half - k])
+                row = strip[j, k : k + most]
+                for d in range(most):
+                    costs[d] += abs(grey - row[d] - offsets[d])
         best = 0
         for d in range(1, most):
             if costs[d] < costs[best]:
                 best = d
-        second = np.int64(1) << 60
+        second = np.int32(2**31 - 1)
         for d in range(most):
             if abs(d - best) > 2 and costs[d] < second:
                 second = costs[d]
-        if best < most - 1 and costs[best] * 6 < second * 5:
-            found[i] = best + 1  # 0 says that nothing was found
-    return found - 1
+        if best < most - 1 and costs[best] * np.int64(6) < second * np.int64(5):
+            found[i] = best
+    return found

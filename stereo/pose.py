@@ -4,31 +4,58 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from stereo.pose_kernels import hypotheses, misfits, normal_equations, stepped
+from stereo.pose_kernels import (
+    MIN_SHRINK,
+    hypotheses,
+    improved,
+    misfits,
+    normal_equations,
+    relinearised,
+    stepped,
+)
 from stereo.rectify import RectifiedCamera
 
 TRIPLES = 80
 STEPS = 12
-SETTLED = 1e-5  # m, rad
+SETTLED = 1e-4  # m, rad
 LEAST_AGREE = 6
 # A point agrees with a hypothesis within so many pixels.
 GATE = 3.0
-# And with the pose that all who agree give, within so many of their own standard deviations.
+# And with the pose that all who agree give, within so many of their own standard deviations; beyond
+# so many a residual pulls no more than there (Huber's weights).
 OUTLIER = 3.5
-# Noise of a followed window, before the residuals tell [px], and how many residuals that is worth.
+HUBER = 2.5
+# Noise of a pixel coordinate where nothing is known of it [px].
 NOISE = 0.3
+# How many residuals the prediction of their noise is worth.
 NOISE_COUNT = 30.0
-CHI2_MEDIAN = 2.366  # of three degrees of freedom
-# Errors of points hang together (windows that lie over an edge of depth, rectification), so that
-# they count for fewer than there are: measured on rendered drives, where poses erred by 1.4 to
-# 1.6 times what independent errors would have done.
-TOGETHER = 2.5
+CHI2_MEDIAN = (1.386, 2.366)  # of two and of three degrees of freedom
+# Errors of points are correlated (windows over edges of depth, interpolation), so that they count
+# for fewer than there are: on rendered drives poses err by 1.4 to 1.5 times as much as with
+# independent errors of the same size.
+TOGETHER = 2.2
 # A robot on a floor neither climbs [m] nor tips [rad] more than this on the way from key frame to
 # key frame; what the view says counts far more, where there is a view.
 CLIMB, TIP = 0.10, math.radians(3.0)
+
+
+# Before anything is seen: standard deviation of the offset of all disparities that a calibration
+# leaves, by the yaw between the cameras or their principal points [px].
+OFFSET = 0.25
+
+
+class Offset(NamedTuple):
+    """How much too large all disparities are, and its variance: px, px^2."""
+
+    value: float = 0.0
+    variance: float = OFFSET**2
+
+
+UNKNOWN = Offset()
 
 
 @dataclass(frozen=True)
@@ -51,23 +78,24 @@ class View:
             (float(camera.f), float(camera.cx), float(camera.cy), float(camera.baseline)),
         )
 
-    def points(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Points (n, 3) on the robot [m] and their derivative by disparity (n, 3).
+    def predict(
+        self, pixels: np.ndarray, R: np.ndarray, t: np.ndarray, offset: float = 0.0
+    ) -> np.ndarray:
+        """Where points are seen from the pose R (3, 3), t (3,) m, and how much larger (n, 4).
 
-        pixels: (n, 3) column and row in the left image, column in the right one.
+        offset: of all disparities [px]; pixels: (n, 3) at the key frame, column and row in the
+        left image, column in the right one; so are the first three columns of the result, NaN
+        behind the camera.
         """
         f, cx, cy, baseline = self.lens
-        disparity = pixels[:, 0] - pixels[:, 2]
-        rays = np.column_stack([pixels[:, 0] - cx, pixels[:, 1] - cy, np.full(len(pixels), f)])
-        from_camera = (baseline / disparity)[:, None] * rays @ self.rotation.T
-        return from_camera + self.position, -from_camera / disparity[:, None]
-
-    def project(self, points: np.ndarray, R: np.ndarray, t: np.ndarray) -> np.ndarray:
-        """Left column, row, right column [px] and depth [m] (n, 4) of points (n, 3) m."""
-        f, cx, cy, baseline = self.lens
-        x, y, z = (((points - t) @ R - self.position) @ self.rotation).T
-        scale = f / np.where(z > 0.05, z, np.nan)
-        return np.column_stack([cx + x * scale, cy + y * scale, cx + (x - baseline) * scale, z])
+        d = pixels[:, 0] - pixels[:, 2] - offset
+        rays = np.column_stack([pixels[:, 0] - cx, pixels[:, 1] - cy, np.full(len(d), f)])
+        on_robot = baseline * rays @ self.rotation.T + d[:, None] * (self.position - t)
+        x, y, z = ((on_robot @ R - d[:, None] * self.position) @ self.rotation).T
+        scale = f / np.where(z > MIN_SHRINK * baseline * f, z, np.nan)
+        left = cx + x * scale
+        right = left - baseline * d * scale - offset
+        return np.column_stack([left, cy + y * scale, right, baseline * scale])
 
 
 @dataclass(frozen=True)
@@ -75,8 +103,9 @@ class Pose:
     """Pose of the robot in its frame at the key frame.
 
     R (3, 3), t (3,) m. covariance: (3, 3) of x m, y m, theta rad; of_pixels: the part of it that
-    comes from the pixels seen now, the rest from those at the key frame. inliers (n,) bool;
-    noise: standard deviation of a pixel coordinate.
+    comes from the pixels seen now, the rest from those at the key frame and the offset. inliers
+    (n,) bool; noise: median standard deviation of a pixel coordinate [px]; offset: as known with
+    these points; row_error: of the rectification, root mean square [px].
     """
 
     R: np.ndarray
@@ -85,6 +114,8 @@ class Pose:
     of_pixels: np.ndarray
     inliers: np.ndarray
     noise: float
+    offset: Offset = UNKNOWN
+    row_error: float = 0.0
 
     @property
     def planar(self) -> np.ndarray:
@@ -99,65 +130,71 @@ class Pose:
 
 
 def find_pose(
-    X: np.ndarray,
-    rays: np.ndarray,
+    keys: np.ndarray,
     pixels: np.ndarray,
+    sigma: np.ndarray,
     view: View,
     guess: tuple[np.ndarray, np.ndarray],
     key: tuple[int, ...],
     head_start: float = 1.0,
+    offset: Offset = UNKNOWN,
 ) -> Pose | None:
     """The pose on which most points agree, with the least squared residuals.
 
     Args:
-        X, rays: (n, 3) of `View.points` at the key frame; pixels: (n, 3) seen now, the right
-            column NaN where it was not found; guess: R, t; key: of the random choice of points;
-            head_start: how far others must beat the guess (`hypotheses`).
+        keys: (n, 3) pixels at the key frame, as of `View.predict`; pixels: (n, 3) now, the right
+            column NaN where it was not found; sigma: (n,) their predicted noise [px], right up to
+            a common factor; guess: R, t; key: of the random choice of points; head_start: how far
+            others must beat the guess (`hypotheses`); offset: as known before.
 
     Returns:
         None when fewer than `LEAST_AGREE` points agree.
     """
-    if len(X) < LEAST_AGREE:
+    if len(keys) < LEAST_AGREE:
         return None
-    camera = (view.rotation, view.position, view.lens)
-    prior = np.array([0.0, 0.0, CLIMB**-2, TIP**-2, TIP**-2, 0.0])
-    triples = np.random.default_rng(key).integers(len(X), size=(TRIPLES, 3))
-    R, t = hypotheses(
-        X, rays, pixels, triples, *guess, *camera, prior * NOISE**2, GATE**2, head_start
-    )
-    agree = misfits(X, rays, pixels, R, t, *camera) < GATE**2
+    camera = (view.rotation, view.position, (*view.lens, offset.value))
+    prior = np.array([0.0, 0.0, CLIMB**-2, TIP**-2, TIP**-2, 0.0, 1.0 / offset.variance])
+    triples = np.random.default_rng(key).integers(len(keys), size=(TRIPLES, 3))
+    held = prior[:6] * NOISE**2
+    R, t = improved(keys, pixels, *guess, *camera, held, GATE**2)
+    R, t = hypotheses(keys, pixels, triples, R, t, *camera, held, GATE**2, head_start)
+    agree = misfits(keys, keys, pixels, R, t, *camera) < GATE**2
     if agree.sum() < LEAST_AGREE:
         return None
-    noise, inverse, H2 = NOISE, np.zeros((6, 6)), np.zeros((6, 6))
+    at, factor, found = keys, 1.0, offset.value
+    inverse, H2 = np.zeros((7, 7)), np.zeros((7, 7))
+    usual = np.where(np.isnan(pixels[:, 2]), *CHI2_MEDIAN) * sigma**2
     for _ in range(STEPS):
-        squared = misfits(X, rays, pixels, R, t, *camera)
-        noise = _noise(squared[agree])
-        inliers = squared < (OUTLIER * noise) ** 2
+        at = relinearised(keys, at, pixels, agree, R, t, *camera)
+        squared = misfits(keys, at, pixels, R, t, *camera)
+        factor = _noise(squared[agree] / usual[agree])
+        far = np.sqrt(np.minimum(squared, 1e12)) / (factor * sigma)
+        inliers = far < OUTLIER
         if inliers.sum() < LEAST_AGREE:
             return None
-        # Huber's weights: a residual beyond 1.5 sigma pulls no more than one at 1.5.
-        far = np.sqrt(np.minimum(squared, 1e12)) / noise
-        weights = np.where(inliers, np.minimum(1.0, 1.5 / np.maximum(far, 1e-9)), 0.0)
-        H, b, H2 = normal_equations(X, rays, pixels, weights, R, t, *camera)
-        scaled = prior * noise**2
-        b += scaled * (0.0, 0.0, t[2], R[2, 1], -R[2, 0], 0.0)
+        weights = np.where(inliers, np.minimum(1.0, HUBER / np.maximum(far, 1e-9)), 0.0)
+        H, b, H2 = normal_equations(keys, at, pixels, sigma, weights, R, t, *camera)
+        scaled = prior * TOGETHER * factor**2
+        b += scaled * (0.0, 0.0, t[2], R[2, 1], -R[2, 0], 0.0, found - offset.value)
         inverse = np.linalg.inv(H + np.diag(scaled + 1e-12))
         step = -inverse @ b
-        R, t = stepped(R, t, step)
+        R, t = stepped(R, t, step[:6])
+        found += step[6]
+        camera = (view.rotation, view.position, (*view.lens, found))
         agree = inliers
         if np.abs(step).max() < SETTLED:
             break
-    whole = TOGETHER * noise**2 * inverse
+    whole = TOGETHER * factor**2 * inverse
     now = whole @ H2 @ inverse
     floor = np.ix_((0, 1, 5), (0, 1, 5))
-    return Pose(R, t, whole[floor], now[floor], agree, noise)
+    noise = factor * float(np.median(sigma[agree]))
+    return Pose(R, t, whole[floor], now[floor], agree, noise, Offset(found, whole[6, 6]))
 
 
 def _noise(squared: np.ndarray) -> float:
-    """Standard deviation of a pixel coordinate [px], from the squared lengths of residuals.
+    """By what the noise is larger than predicted, from squared residuals over their usual size.
 
-    Their median is that of chi-square; with few points what is usual counts as well.
+    Their median is that of chi-square; with few points the prediction counts as well.
     """
-    found = float(np.median(squared)) / CHI2_MEDIAN
     n = len(squared)
-    return math.sqrt((n * found + NOISE_COUNT * NOISE**2) / (n + NOISE_COUNT))
+    return math.sqrt((n * float(np.median(squared)) + NOISE_COUNT) / (n + NOISE_COUNT))

@@ -1,13 +1,23 @@
-"""Kernels of the pose of a camera pair from points in space and their pixels in both images.
+"""Kernels of the pose of a camera pair from points matched in four images.
 
-The pose (R (3, 3), t (3,)) is that of the robot now in its frame at the key frame. A point seen
-at the key frame X (3,) m is X' = R^T (X - t) now, and in the rectified left camera, whose axes M
-and place p on the robot are known, Y = M^T (X' - p). Its pixels are column and row in the left
-image and column in the right one. Steps (6,): t and then R from the right, as R exp(w).
+The pose (R (3, 3), t (3,)) is that of the robot now in its frame at the key frame. A point is its
+pixels at the key frame, k (3,): column and row in the left image, column in the right one. Its
+disparity d = k0 - k2 - o is its inverse depth, o the offset that the calibration leaves; with the
+ray c = (k0 - cx, k1 - cy, f), the camera's axes M and position p on the robot, and baseline B, its
+place now in the left camera, times d, is
 
-Where a point stands was measured at the key frame, too: its disparity there errs as its pixels
-do now. The residuals' covariance is therefore s^2 (I + a a^T), with a (3,) the pixels'
-derivative by that disparity, and its inverse I - a a^T / (1 + a^T a).
+    q = M^T (R^T (B M c + d (p - t)) - d p)
+
+which is as well defined at infinity (d = 0) as near by. Its pixels now, g(k), are cx + f q0 / q2,
+cy + f q1 / q2 and, in the right image, B d f / q2 + o to the left of the first. Steps (6,): t and
+then R from the right, as R exp(w). lens: f, cx, cy, B, o.
+
+Pixels of both pairs are measured with the same noise: the reprojection error in all four images
+is least (the gold standard of Hartley and Zisserman 2004, Sec. 4.2.3 and 16.4). With k measured
+as z, linearised at an estimate `at`, r = g(at) + D (z - at) - m has the covariance
+s^2 (I + D D^T), D = dg/dk; the least error over k is r^T (I + D D^T)^-1 r, at
+z - D^T (I + D D^T)^-1 r. Depth is not linear in disparity, so `at` must be that least point, not
+z: points measured too near would count for more than those measured too far.
 """
 
 from __future__ import annotations
@@ -18,97 +28,178 @@ import numpy as np
 FIT_ROUNDS = 4
 LONGEST_STEP = 10.0  # m, rad: a fit that goes further has gone astray
 LEAST_TRIPLES = 5
+SOME = 60
+WIDTHS = (64.0, 16.0, 4.0, 1.0, 1.0)
 SURE = 1e-3  # chance that no triple without a false match was drawn
+MIN_DEPTH = 0.05  # m
+MIN_SHRINK = 0.02  # of the depth of a point at infinity that may be left after a motion
 
 
 @numba.njit(cache=True, nogil=True)
-def _observe(X, ray, pixels, R, t, M, p, lens, r, J, a):
-    """Residuals r (3,), their Jacobian J (3, 6) and a (3,) of one point; false behind the camera.
+def _placed(R, t, M, p):
+    """A (3, 3) and T (3,) of q = B A c + d T."""
+    C = M.T @ R.T
+    return C @ M, C @ (p - t) - M.T @ p
 
-    ray (3,): d X / d disparity at the key frame. Rows without a pixel (NaN) become zero.
+
+@numba.njit(cache=True, nogil=True)
+def _observe(z, at, pixels, R, A, T, M, p, lens, derive, r, J, D, L):
+    """Residual r (3,) of one point, its Jacobians J (3, 7) by the pose and the offset and D (3, 3)
+    by the key frame's pixels, and the Cholesky factor L (3, 3) of I + D D^T.
+
+    False behind the camera. Rows without a pixel (NaN) become zero. J is found if `derive`.
     """
-    f, cx, cy, baseline = lens
-    q0, q1, q2 = X[0] - t[0], X[1] - t[1], X[2] - t[2]
-    x = R[0, 0] * q0 + R[1, 0] * q1 + R[2, 0] * q2
-    y = R[0, 1] * q0 + R[1, 1] * q1 + R[2, 1] * q2
-    z = R[0, 2] * q0 + R[1, 2] * q1 + R[2, 2] * q2
-    d0, d1, d2 = x - p[0], y - p[1], z - p[2]
-    depth = M[0, 2] * d0 + M[1, 2] * d1 + M[2, 2] * d2
-    if depth < 0.05:
+    f, cx, cy, baseline, offset = lens
+    x, y, d = baseline * (at[0] - cx), baseline * (at[1] - cy), at[0] - at[2] - offset
+    q0 = A[0, 0] * x + A[0, 1] * y + A[0, 2] * baseline * f + d * T[0]
+    q1 = A[1, 0] * x + A[1, 1] * y + A[1, 2] * baseline * f + d * T[1]
+    q2 = A[2, 0] * x + A[2, 1] * y + A[2, 2] * baseline * f + d * T[2]
+    if q2 < MIN_DEPTH * d or q2 < MIN_SHRINK * baseline * f:
         return False
-    side = M[0, 0] * d0 + M[1, 0] * d1 + M[2, 0] * d2
-    down = M[0, 1] * d0 + M[1, 1] * d1 + M[2, 1] * d2
-    inverse = f / depth
-    r[0] = cx + side * inverse - pixels[0]
-    r[1] = cy + down * inverse - pixels[1]
-    r[2] = cx + (side - baseline) * inverse - pixels[2]
+    scale = f / q2
+    # The point times d in the robot's frame now.
+    s0 = M[0, 0] * q0 + M[0, 1] * q1 + M[0, 2] * q2 + d * p[0]
+    s1 = M[1, 0] * q0 + M[1, 1] * q1 + M[1, 2] * q2 + d * p[1]
+    s2 = M[2, 0] * q0 + M[2, 1] * q1 + M[2, 2] * q2 + d * p[2]
     for row in range(3):
         if row == 0:
-            across, along, slope = 0, 2, side / depth
+            across, side, here = 0, q0, cx
         elif row == 1:
-            across, along, slope = 1, 2, down / depth
+            across, side, here = 1, q1, cy
         else:
-            across, along, slope = 0, 2, (side - baseline) / depth
+            across, side, here = 0, q0 - baseline * d, cx - offset
+        r[row] = here + side * scale - pixels[row]
         if np.isnan(r[row]):
             r[row] = 0.0
-            a[row] = 0.0
-            for k in range(6):
+            for k in range(7):
                 J[row, k] = 0.0
+            for k in range(3):
+                D[row, k] = 0.0
             continue
-        # d pixel / d X'
-        g0 = inverse * (M[0, across] - slope * M[0, along])
-        g1 = inverse * (M[1, across] - slope * M[1, along])
-        g2 = inverse * (M[2, across] - slope * M[2, along])
-        # d X' / d t = -R^T, d X' / d w = [X']x
+        # d pixel / d q: `scale` for q_across, -slope for q2.
+        slope = side * scale / q2
+        by_u = baseline * (scale * A[across, 0] - slope * A[2, 0])
+        by_v = baseline * (scale * A[across, 1] - slope * A[2, 1])
+        by_d = scale * T[across] - slope * T[2]
+        if row == 2:
+            by_d -= scale * baseline
+        D[row, 0], D[row, 1], D[row, 2] = by_u + by_d, by_v, -by_d
+        if not derive:
+            continue
+        # by the point on the robot now, times d
+        g0 = M[0, across] * scale - M[0, 2] * slope
+        g1 = M[1, across] * scale - M[1, 2] * slope
+        g2 = M[2, across] * scale - M[2, 2] * slope
         for k in range(3):
-            J[row, k] = -(R[k, 0] * g0 + R[k, 1] * g1 + R[k, 2] * g2)
-        J[row, 3] = g1 * z - g2 * y
-        J[row, 4] = g2 * x - g0 * z
-        J[row, 5] = g0 * y - g1 * x
-        a[row] = -(J[row, 0] * ray[0] + J[row, 1] * ray[1] + J[row, 2] * ray[2])
+            J[row, k] = -d * (R[k, 0] * g0 + R[k, 1] * g1 + R[k, 2] * g2)
+        J[row, 3] = g1 * s2 - g2 * s1
+        J[row, 4] = g2 * s0 - g0 * s2
+        J[row, 5] = g0 * s1 - g1 * s0
+        J[row, 6] = -by_d - (1.0 if row == 2 else 0.0)
+    e0, e1, e2 = z[0] - at[0], z[1] - at[1], z[2] - at[2]
+    for row in range(3):
+        r[row] += D[row, 0] * e0 + D[row, 1] * e1 + D[row, 2] * e2
+    s00 = 1.0 + D[0, 0] * D[0, 0] + D[0, 1] * D[0, 1] + D[0, 2] * D[0, 2]
+    s10 = D[1, 0] * D[0, 0] + D[1, 1] * D[0, 1] + D[1, 2] * D[0, 2]
+    s20 = D[2, 0] * D[0, 0] + D[2, 1] * D[0, 1] + D[2, 2] * D[0, 2]
+    s11 = 1.0 + D[1, 0] * D[1, 0] + D[1, 1] * D[1, 1] + D[1, 2] * D[1, 2]
+    s21 = D[2, 0] * D[1, 0] + D[2, 1] * D[1, 1] + D[2, 2] * D[1, 2]
+    s22 = 1.0 + D[2, 0] * D[2, 0] + D[2, 1] * D[2, 1] + D[2, 2] * D[2, 2]
+    L[0, 0] = np.sqrt(s00)
+    L[1, 0], L[2, 0] = s10 / L[0, 0], s20 / L[0, 0]
+    L[1, 1] = np.sqrt(s11 - L[1, 0] * L[1, 0])
+    L[2, 1] = (s21 - L[2, 0] * L[1, 0]) / L[1, 1]
+    L[2, 2] = np.sqrt(s22 - L[2, 0] * L[2, 0] - L[2, 1] * L[2, 1])
     return True
 
 
 @numba.njit(cache=True, nogil=True)
-def misfits(X, rays, pixels, R, t, M, p, lens):
-    """Squared Mahalanobis lengths (n,) of the residuals for s = 1 px; inf behind the camera."""
-    n = len(X)
+def _whiten(L, v):
+    """L^-1 v for v (3,), in place."""
+    v[0] /= L[0, 0]
+    v[1] = (v[1] - L[1, 0] * v[0]) / L[1, 1]
+    v[2] = (v[2] - L[2, 0] * v[0] - L[2, 1] * v[1]) / L[2, 2]
+
+
+@numba.njit(cache=True, nogil=True)
+def _unwhiten(L, v):
+    """L^-T v for v (3,), in place."""
+    v[2] /= L[2, 2]
+    v[1] = (v[1] - L[2, 1] * v[2]) / L[1, 1]
+    v[0] = (v[0] - L[1, 0] * v[1] - L[2, 0] * v[2]) / L[0, 0]
+
+
+@numba.njit(cache=True, nogil=True)
+def misfits(keys, at, pixels, R, t, M, p, lens):
+    """Least squared reprojection errors (n,) [px^2] of points linearised at `at` (n, 3); inf
+    behind the camera."""
+    n = len(keys)
     out = np.empty(n)
-    r, J, a = np.empty(3), np.empty((3, 6)), np.empty(3)
+    r, J, D, L = np.empty(3), np.empty((3, 7)), np.empty((3, 3)), np.empty((3, 3))
+    A, T = _placed(R, t, M, p)
     for i in range(n):
-        if not _observe(X[i], rays[i], pixels[i], R, t, M, p, lens, r, J, a):
+        if not _observe(keys[i], at[i], pixels[i], R, A, T, M, p, lens, False, r, J, D, L):
             out[i] = np.inf
             continue
-        ra = r[0] * a[0] + r[1] * a[1] + r[2] * a[2]
-        aa = a[0] * a[0] + a[1] * a[1] + a[2] * a[2]
-        out[i] = r[0] * r[0] + r[1] * r[1] + r[2] * r[2] - ra * ra / (1.0 + aa)
+        _whiten(L, r)
+        out[i] = r[0] * r[0] + r[1] * r[1] + r[2] * r[2]
     return out
 
 
 @numba.njit(cache=True, nogil=True)
-def normal_equations(X, rays, pixels, weights, R, t, M, p, lens):
-    """Weighted sums over the points: J^T W J (6, 6), J^T W r (6,), and J^T W W J (6, 6)."""
-    H, b, H2 = np.zeros((6, 6)), np.zeros(6), np.zeros((6, 6))
-    r, J, a = np.empty(3), np.empty((3, 6)), np.empty(3)
-    aJ = np.empty(6)
-    for i in range(len(X)):
-        w = weights[i]
-        if w <= 0.0 or not _observe(X[i], rays[i], pixels[i], R, t, M, p, lens, r, J, a):
+def relinearised(keys, at, pixels, agree, R, t, M, p, lens):
+    """The pixels at the key frame (n, 3) that make the reprojection error least, by one step from
+    `at`; those measured where a point does not agree."""
+    out = keys.copy()
+    r, J, D, L = np.empty(3), np.empty((3, 7)), np.empty((3, 3)), np.empty((3, 3))
+    A, T = _placed(R, t, M, p)
+    for i in range(len(keys)):
+        if not agree[i]:
             continue
-        aa = a[0] * a[0] + a[1] * a[1] + a[2] * a[2]
-        ra = r[0] * a[0] + r[1] * a[1] + r[2] * a[2]
-        c = 1.0 / (1.0 + aa)
-        for k in range(6):
-            aJ[k] = a[0] * J[0, k] + a[1] * J[1, k] + a[2] * J[2, k]
-        # W = I - c a a^T, W W = I - (2 c - c^2 aa) a a^T
-        c2 = 2.0 * c - c * c * aa
-        for k in range(6):
-            b[k] += w * (J[0, k] * r[0] + J[1, k] * r[1] + J[2, k] * r[2] - c * aJ[k] * ra)
+        if not _observe(keys[i], at[i], pixels[i], R, A, T, M, p, lens, False, r, J, D, L):
+            continue
+        _whiten(L, r)
+        _unwhiten(L, r)
+        for k in range(3):
+            out[i, k] -= D[0, k] * r[0] + D[1, k] * r[1] + D[2, k] * r[2]
+    return out
+
+
+@numba.njit(cache=True, nogil=True)
+def normal_equations(keys, at, pixels, sigma, weights, R, t, M, p, lens):
+    """Sums over the points of w J^T W J (7, 7), w J^T W r (7,), and w w J^T W W sigma^2 J (7, 7).
+
+    W = (I + D D^T)^-1 / sigma^2, w the weights; the last of the unknowns is the offset.
+    """
+    H, b, H2 = np.zeros((7, 7)), np.zeros(7), np.zeros((7, 7))
+    r, J, D, L = np.empty(3), np.empty((3, 7)), np.empty((3, 3)), np.empty((3, 3))
+    white, WJ, v = np.empty((7, 3)), np.empty((7, 3)), np.empty(3)
+    A, T = _placed(R, t, M, p)
+    for i in range(len(keys)):
+        if weights[i] <= 0.0:
+            continue
+        w, square = weights[i] / sigma[i] ** 2, weights[i] ** 2 / sigma[i] ** 2
+        if not _observe(keys[i], at[i], pixels[i], R, A, T, M, p, lens, True, r, J, D, L):
+            continue
+        _whiten(L, r)
+        for k in range(7):
+            v[0], v[1], v[2] = J[0, k], J[1, k], J[2, k]
+            _whiten(L, v)
+            white[k, 0], white[k, 1], white[k, 2] = v[0], v[1], v[2]
+            _unwhiten(L, v)
+            WJ[k, 0], WJ[k, 1], WJ[k, 2] = v[0], v[1], v[2]
+        for k in range(7):
+            b[k] += w * (white[k, 0] * r[0] + white[k, 1] * r[1] + white[k, 2] * r[2])
             for m in range(k + 1):
-                JJ = J[0, k] * J[0, m] + J[1, k] * J[1, m] + J[2, k] * J[2, m]
-                H[k, m] += w * (JJ - c * aJ[k] * aJ[m])
-                H2[k, m] += w * w * (JJ - c2 * aJ[k] * aJ[m])
-    for k in range(6):
+                H[k, m] += w * (
+                    white[k, 0] * white[m, 0]
+                    + white[k, 1] * white[m, 1]
+                    + white[k, 2] * white[m, 2]
+                )
+                H2[k, m] += square * (
+                    WJ[k, 0] * WJ[m, 0] + WJ[k, 1] * WJ[m, 1] + WJ[k, 2] * WJ[m, 2]
+                )
+    for k in range(7):
         for m in range(k):
             H[m, k], H2[m, k] = H[k, m], H2[k, m]
     return H, b, H2
@@ -128,11 +219,12 @@ def stepped(R, t, step):
 
 
 @numba.njit(cache=True, nogil=True)
-def _fit(X, rays, pixels, R, t, M, p, lens, prior):
+def _fit(keys, pixels, R, t, M, p, lens, prior):
     """Gauss and Newton's method from (R, t) on a few points; whether it settled, R, t."""
-    ones = np.ones(len(X))
+    ones = np.ones(len(keys))
     for _ in range(FIT_ROUNDS):
-        H, b, _ = normal_equations(X, rays, pixels, ones, R, t, M, p, lens)
+        H, b, _ = normal_equations(keys, keys, pixels, ones, ones, R, t, M, p, lens)
+        H, b = H[:6, :6].copy(), b[:6].copy()
         for m in range(6):
             H[m, m] += prior[m] + 1e-9
         b[2] += prior[2] * t[2]
@@ -149,7 +241,40 @@ def _fit(X, rays, pixels, R, t, M, p, lens, prior):
 
 
 @numba.njit(cache=True, nogil=True)
-def hypotheses(X, rays, pixels, triples, R, t, M, p, lens, prior, gate, head_start):
+def improved(keys, pixels, R, t, M, p, lens, prior, gate):
+    """The pose near the guess (R, t) on which the points agree, or the guess where that is better.
+
+    Gauss and Newton's method on about `SOME` points, with the weights of Geman and McClure, whose
+    width shrinks to that of `gate` (graduated non-convexity, Blake and Zisserman 1987). prior,
+    gate: as of `hypotheses`, which then mostly has nothing to search.
+    """
+    some = max(len(keys) // SOME, 1)
+    few, seen = keys[::some], pixels[::some]
+    ones = np.ones(len(few))
+    R1, t1 = R, t
+    for wide in WIDTHS:
+        squared = misfits(few, few, seen, R1, t1, M, p, lens)
+        weights = (wide * gate / (wide * gate + squared)) ** 2
+        H, b, _ = normal_equations(few, few, seen, ones, weights, R1, t1, M, p, lens)
+        H, b = H[:6, :6].copy(), b[:6].copy()
+        for m in range(6):
+            H[m, m] += prior[m] + 1e-9
+        b[2] += prior[2] * t1[2]
+        b[3] += prior[3] * R1[2, 1]
+        b[4] -= prior[4] * R1[2, 0]
+        step = -np.linalg.solve(H, b)
+        if not np.sqrt(np.sum(step * step)) < LONGEST_STEP:
+            return R, t
+        R1, t1 = stepped(R1, t1, step)
+    before = np.sum(np.maximum(gate - misfits(keys, keys, pixels, R, t, M, p, lens), 0.0))
+    after = np.sum(np.maximum(gate - misfits(keys, keys, pixels, R1, t1, M, p, lens), 0.0))
+    if after > before:
+        return R1, t1
+    return R, t
+
+
+@numba.njit(cache=True, nogil=True)
+def hypotheses(keys, pixels, triples, R, t, M, p, lens, prior, gate, head_start):
     """The pose on which most points agree, of those that three points each give.
 
     Each of the triples (k, 3) is fitted by Gauss and Newton's method from the pose (R, t), as
@@ -162,20 +287,20 @@ def hypotheses(X, rays, pixels, triples, R, t, M, p, lens, prior, gate, head_sta
     Returns:
         R, t of the best.
     """
-    n = len(X)
-    squared = misfits(X, rays, pixels, R, t, M, p, lens)
+    n = len(keys)
+    squared = misfits(keys, keys, pixels, R, t, M, p, lens)
     best, best_R, best_t = head_start * np.sum(np.maximum(gate - squared, 0.0)), R, t
     needed = len(triples)
     for k in range(len(triples)):
-        if k >= needed:
+        if k >= needed or best >= gate * n:  # no pose can score more than that
             break
         three = triples[k]
         if three[0] == three[1] or three[1] == three[2] or three[0] == three[2]:
             continue
-        settled, R1, t1 = _fit(X[three], rays[three], pixels[three], R, t, M, p, lens, prior)
+        settled, R1, t1 = _fit(keys[three], pixels[three], R, t, M, p, lens, prior)
         if not settled:
             continue
-        squared = misfits(X, rays, pixels, R1, t1, M, p, lens)
+        squared = misfits(keys, keys, pixels, R1, t1, M, p, lens)
         score = np.sum(np.maximum(gate - squared, 0.0))
         if score > best:
             best, best_R, best_t = score, R1, t1

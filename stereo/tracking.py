@@ -9,17 +9,23 @@ import numpy as np
 
 from stereo.features import find_corners
 from stereo.patch_kernels import follow, remember, search_rows
-from stereo.pose import View
 
 LEVELS = 4  # each half as large as the one before
 SMALLEST = 40  # px: a smaller image tells nothing
 REACH = 0.25  # disparities searched, as a share of the width
-LEAST_DISPARITY = 0.5  # px: farther things do not tell their distance, only that they are far
+# px: below zero only by noise. A limit above it would keep, of far points, those that noise brings
+# nearer, and make every motion longer than it is.
+MIN_DISPARITY = -1.5
 ROWS = 1.5  # px that the same point may differ in row
 ALIKE = 0.8  # correlation of a window that is found again
 COARSE = 0.5  # and at the coarser levels
 NEAR = 1  # the coarsest level needed when the guess is good to some pixels
-ENOUGH = 0.6  # of the points found: the guess was good
+# A window's noise, and so that of its place, follows from how much it differs from the remembered
+# one. Neighbouring pixels share it: they are smoothed by (1 2 1) / 4 in both directions, so that
+# (8/3)^2 of them count for one. Interpolation errs by so much besides [px].
+SMOOTHED = 64.0 / 9.0
+INTERPOLATED = 0.08
+ENOUGH = 0.6  # of the points expected in view found: the guess was good
 DESCRIBED = 2  # the level whose windows tell points apart
 
 
@@ -47,11 +53,11 @@ def _pyramid(image: np.ndarray) -> tuple[np.ndarray, ...]:
 class KeyFrame:
     """What a pair shows, remembered: points in space and how each looks.
 
-    pixels: (n, 3) column and row in the left image, column in the right one; points, rays:
-    (n, 3), see `View.points`; pyramids: the pair itself.
+    pixels: (n, 3) column and row in the left image, column in the right one; row_errors: (n,)
+    how much lower they are in the right one [px]; pyramids: the pair itself.
     """
 
-    def __init__(self, pyramids: Pyramids, view: View) -> None:
+    def __init__(self, pyramids: Pyramids) -> None:
         self.pyramids = pyramids
         corners = find_corners(pyramids.left[0])
         # Of each level: windows, gradients, inverses, usable.
@@ -59,9 +65,9 @@ class KeyFrame:
             remember(image, corners / 2.0**k) for k, image in enumerate(pyramids.left)
         ]
         right, found = self._in_right_image(pyramids, corners)
+        self.row_errors = (right[:, 1] - corners[:, 1])[found]
         self._windows = [tuple(part[found] for part in level) for level in self._windows]
-        self.pixels = np.column_stack([corners, right])[found].astype(float)
-        self.points, self.rays = view.points(self.pixels)
+        self.pixels = np.column_stack([corners, right[:, 0]])[found].astype(float)
 
     def __len__(self) -> int:
         return len(self.pixels)
@@ -85,28 +91,50 @@ class KeyFrame:
 
     def find(
         self, pyramids: Pyramids, guess: np.ndarray, nearer: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The key frame's points in another pair.
 
         guess: (n, 3) px; NaN where nothing is expected; nearer: (n,) how much larger it appears.
 
         Returns:
-            pixels (n, 3), the right column NaN where it is not found, and found (n,) bool.
+            pixels (n, 3), the right column NaN where it is not found; sigma (n,) of a coordinate
+            [px]; found (n,) bool.
         """
         expected = np.isfinite(guess.sum(axis=1))
+        height, width = pyramids.left[0].shape
+        with np.errstate(invalid="ignore"):
+            seen = expected & (guess[:, :2] >= 0.0).all(axis=1)
+            seen &= (guess[:, 0] < width) & (guess[:, 1] < height)
         # Most guesses are good: only where they are not is looked for farther away.
         for coarsest in (NEAR, LEVELS - 1):
             place = np.where(expected[:, None], guess[:, :2], -1e6)
-            found = self._place(pyramids.left, place, nearer, coarsest) > ALIKE
-            if found.sum() > ENOUGH * len(self):
+            likeness = self._place(pyramids.left, place, nearer, coarsest)
+            found = likeness > ALIKE
+            if found.sum() > ENOUGH * seen.sum():
                 break
         right = place.copy()
-        right[:, 0] -= np.maximum(np.where(expected, guess[:, 0] - guess[:, 2], 0.0), 0.0)
+        right[:, 0] -= np.where(expected, guess[:, 0] - guess[:, 2], 0.0)
         right[~found] = -1e6
-        good = self._place(pyramids.right, right, nearer, 0) > ALIKE
-        good &= (np.abs(right[:, 1] - place[:, 1]) < ROWS) & (right[:, 0] < place[:, 0])
+        in_right = self._place(pyramids.right, right, nearer, 0)
+        good = in_right > ALIKE
+        good &= (np.abs(right[:, 1] - place[:, 1]) < ROWS) & (
+            place[:, 0] - right[:, 0] > MIN_DISPARITY
+        )
         column = np.where(good, right[:, 0], np.nan)
-        return np.column_stack([place, column]), found
+        likeness = np.where(good, 0.5 * (likeness + in_right), likeness)
+        return np.column_stack([place, column]), self._sigma(likeness), found
+
+    def _sigma(self, likeness: np.ndarray) -> np.ndarray:
+        """Standard deviation (n,) of a coordinate [px] of places found with a likeness (n,).
+
+        Lucas and Kanade's method is least squares: the covariance of a place is the inverse of the
+        gradients' products times the noise. Windows of contrast 1 that correlate by `likeness`
+        differ by 2 (1 - likeness), half of it from either image.
+        """
+        inverses = self._windows[0][2]
+        mean = 0.5 * (inverses[:, 0, 0] + inverses[:, 1, 1]).astype(float)
+        noise = SMOOTHED * np.clip(1.0 - likeness, 0.0, 1.0)
+        return np.sqrt(INTERPOLATED**2 + noise * mean)
 
     def _place(
         self,
@@ -128,7 +156,7 @@ class KeyFrame:
     def _in_right_image(
         self, pyramids: Pyramids, corners: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Columns (n,) of the corners in the right image, and which were found (n,) bool."""
+        """Places (n, 2) of the corners in the right image, and which were found (n,) bool."""
         level = 1 if len(pyramids.left) > 1 else 0
         reach = int(REACH * pyramids.left[level].shape[1])
         disparity = search_rows(
@@ -139,5 +167,5 @@ class KeyFrame:
         place[disparity < 0] = -1e6
         likeness = self._place(pyramids.right, place, np.ones(len(place)), level)
         found = (likeness > ALIKE) & (np.abs(place[:, 1] - corners[:, 1]) < ROWS)
-        found &= corners[:, 0] - place[:, 0] > LEAST_DISPARITY
-        return place[:, 0], found
+        found &= corners[:, 0] - place[:, 0] > MIN_DISPARITY
+        return place, found

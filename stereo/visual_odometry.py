@@ -7,11 +7,11 @@ not drift. A pair becomes the next key frame when too few points of the last one
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stereo.pose import Pose, View, find_pose
+from stereo.pose import NOISE, Offset, Pose, View, find_pose
 from stereo.tracking import KeyFrame, Pyramids
 
 # A key frame with fewer points does not carry, and fewer points that agree are no pose.
@@ -24,6 +24,41 @@ RENEW = 0.5
 RELOCATE = 0.25
 # Something large that moves by itself must show so many more points than what the guess explains.
 HEAD_START = 1.5
+# Cameras get warm: disparities shift by so much from key frame to key frame [px].
+WANDER = 1e-3
+# Parts of the image, in either direction, of which each has its own error of rectification; points
+# that one must have.
+CELLS = 4
+MIN_IN_CELL = 5
+
+
+class RowErrors:
+    """How well the calibration rectifies, from how much rows differ between the images.
+
+    Rows differ by noise and by what the calibration leaves, which is the same for all that is seen
+    in one part of the image, pair after pair.
+    """
+
+    def __init__(self, size: tuple[float, float]) -> None:
+        self._size = size
+        self._sums = np.zeros((3, CELLS * CELLS))  # of ones, errors and their squares
+
+    def add(self, pixels: np.ndarray, errors: np.ndarray) -> None:
+        """Count points at pixels (n, 3) whose rows differ by errors (n,) px."""
+        column, row = (
+            np.clip(CELLS * pixels[:, k] / self._size[k], 0, CELLS - 1).astype(int) for k in (0, 1)
+        )
+        for total, part in zip(self._sums, (np.ones(len(errors)), errors, errors**2), strict=True):
+            np.add.at(total, row * CELLS + column, part)
+
+    @property
+    def size(self) -> float:
+        """Root mean square over the image of what is no noise [px]."""
+        n, first, second = self._sums[:, self._sums[0] >= MIN_IN_CELL]
+        if not n.any():
+            return 0.0
+        mean = first / n
+        return math.sqrt(max(0.0, float(np.mean(mean**2 - (second / n - mean**2) / (n - 1.0)))))
 
 
 @dataclass(frozen=True)
@@ -53,6 +88,8 @@ class VisualOdometry:
         self._key: KeyFrame | None = None
         self._pose = (np.eye(3), np.zeros(3))
         self._count = 0
+        self.offset = Offset()
+        self.row_errors = RowErrors((2.0 * view.lens[1], 2.0 * view.lens[2]))
 
     @property
     def following(self) -> bool:
@@ -61,7 +98,7 @@ class VisualOdometry:
 
     def start(self, pyramids: Pyramids) -> bool:
         """Make the pair the key frame; false, and nothing changes, when it shows too little."""
-        fresh = KeyFrame(pyramids, self.view)
+        fresh = KeyFrame(pyramids)
         if len(fresh) < LEAST_POINTS:
             return False
         self._renew(fresh)
@@ -74,11 +111,11 @@ class VisualOdometry:
         """
         assert self._key is not None, "start() comes first"
         self._count += 1
-        found, pose = self._follow(self._key, pyramids, self._ahead(expected))
+        found, pose = self._follow(self._key, pyramids, self._ahead(expected), HEAD_START)
         share = 0.0 if pose is None else np.mean(pose.inliers) * found / len(self._key)
         if share >= RENEW:
             return self._seen(pose, found, False)
-        fresh = KeyFrame(pyramids, self.view)
+        fresh = KeyFrame(pyramids)
         if share < RELOCATE:
             found, pose = max(
                 ((found, pose), self._relocate(self._key, fresh, pyramids)),
@@ -90,15 +127,19 @@ class VisualOdometry:
         sighting = self._seen(pose, found, renewed)
         if renewed:
             self._renew(fresh)
+            value, variance = pose.offset
+            self.offset = Offset(value, variance + WANDER**2)
         return sighting
 
     def _seen(self, pose: Pose | None, found: int, renewed: bool) -> Sighting:
         assert pose is not None
+        pose = replace(pose, row_error=self.row_errors.size)
         self._pose = (pose.R, pose.t)
         return Sighting(pose, found, renewed)
 
     def _renew(self, key: KeyFrame) -> None:
         self._key = key
+        self.row_errors.add(key.pixels, key.row_errors)
         self._pose = (np.eye(3), np.zeros(3))
 
     def _ahead(self, motion: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -109,20 +150,24 @@ class VisualOdometry:
         return R @ turn, t + R @ np.array([motion[0], motion[1], 0.0])
 
     def _follow(
-        self, key: KeyFrame, pyramids: Pyramids, guess: tuple[np.ndarray, np.ndarray]
+        self,
+        key: KeyFrame,
+        pyramids: Pyramids,
+        guess: tuple[np.ndarray, np.ndarray],
+        head_start: float,
     ) -> tuple[int, Pose | None]:
         """How many points are found near where the guess has them, and the pose they give."""
-        before = self.view.project(key.points, np.eye(3), np.zeros(3))
-        after = self.view.project(key.points, *guess)
-        pixels, found = key.find(pyramids, after[:, :3], before[:, 3] / after[:, 3])
+        after = self.view.predict(key.pixels, *guess, self.offset.value)
+        pixels, sigma, found = key.find(pyramids, after[:, :3], after[:, 3])
         return int(found.sum()), find_pose(
-            key.points[found],
-            key.rays[found],
+            key.pixels[found],
             pixels[found],
+            sigma[found],
             self.view,
             guess,
             (self._seed, self._count, 0),
-            HEAD_START,
+            head_start,
+            self.offset,
         )
 
     def _relocate(
@@ -130,13 +175,15 @@ class VisualOdometry:
     ) -> tuple[int, Pose | None]:
         i, j = key.alike(fresh)
         rough = find_pose(
-            key.points[i],
-            key.rays[i],
+            key.pixels[i],
             fresh.pixels[j],
+            np.full(len(i), NOISE),
             self.view,
             self._pose,
             (self._seed, self._count, 1),
+            offset=self.offset,
         )
         if rough is None:
             return 0, None
-        return self._follow(key, pyramids, (rough.R, rough.t))
+        # The few points alike may have agreed on a false pose: all that are found say better.
+        return self._follow(key, pyramids, (rough.R, rough.t), 1.0)

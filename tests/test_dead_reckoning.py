@@ -60,12 +60,12 @@ def test_where_it_leaps_the_robot_stands_still_in_much_doubt():
         assert np.hypot(*motion.increment[:2]) == pytest.approx(np.hypot(*step[:2]), abs=1e-9)
 
 
-def test_it_is_read_from_a_recording_and_taken_unless_there_are_wheels(office, office_piece):
+def test_it_is_read_from_a_recording_and_taken_where_there_are_no_ticks(office, office_piece):
     recording = open_recording(office_piece)
     truth, rig = recording.poses, recording.rig
     assert truth is not None
     assert rig is not None
-    assert usual_motion(recording) == ("encoders", [])
+    assert usual_motion(recording, rig, SETTINGS) == ("fused", [])
     with pytest.raises(InputError, match="holds no odometry"):
         choose_motion("odometry", recording, rig, SETTINGS, 1)
     with AslWriter(office.parent / "written", rig, None) as writer:
@@ -81,6 +81,18 @@ def test_it_is_read_from_a_recording_and_taken_unless_there_are_wheels(office, o
     assert recording.skipped["garbled line in the odometry"] == ["line 42", "line 43"]
     assert recording.odometry is not None
     np.testing.assert_array_equal(recording.odometry.poses, truth.poses)
-    assert usual_motion(recording) == ("odometry", [])
+    assert usual_motion(recording, rig, SETTINGS) == ("fused", [])
     assert isinstance(choose_motion("odometry", recording, rig, SETTINGS, 1), DeadReckoning)
     assert isinstance(motion_of("fused", recording, rig, Settings(), 1), FusedMotion)
+
+
+def test_wheels_of_unknown_size_stop_no_run_that_has_images(beemap, refused, office, tmp_path):
+    (office / "mav0" / "odom0" / "sensor.yaml").write_text("track: 0.3\n")
+    recording = open_recording(office)
+    assert recording.rig is not None
+    choice, (note,) = usual_motion(recording, recording.rig, SETTINGS)
+    assert choice == "visual"
+    assert "odom0/sensor.yaml" in note
+    assert note.endswith("motion is found from the images alone")
+    line = refused("map", office, "-o", tmp_path / "run", "--motion", "fused")
+    assert "odom0/sensor.yaml" in line

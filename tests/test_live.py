@@ -47,7 +47,7 @@ def record_all(rig, folder: Path, virtual) -> dict:
 
 
 def live_all(
-    rig, output: Path, virtual, motion: str = "encoders", watcher: Watcher = NOBODY, **options
+    rig, output: Path, virtual, motion: str = "fused", watcher: Watcher = NOBODY, **options
 ):
     settings = load_settings(None, SETTINGS)
     begin_output(output, False, {})

@@ -61,6 +61,7 @@ def run(spoilt, one_thread) -> Path:
     """The results of `beemap map`."""
     output = spoilt.parent / "run <b>"
     words = ["map", str(spoilt), "-o", str(output), "--quiet", "--threads", "1"]
+    words += ["--motion", "encoders"]
     done = CliRunner().invoke(cli, [*words, *(w for s in SET for w in ("--set", s))])
     assert done.exit_code == 0, done.output
     return output

@@ -9,7 +9,7 @@ import pytest
 
 from calibration.rig import Mount
 from odometry.motion import compose
-from stereo.pose import TOGETHER, Pose, View, find_pose
+from stereo.pose import TOGETHER, Offset, Pose, View, find_pose
 from stereo.pose_kernels import (
     FIT_ROUNDS,
     LEAST_TRIPLES,
@@ -17,11 +17,14 @@ from stereo.pose_kernels import (
     hypotheses,
     misfits,
     normal_equations,
+    relinearised,
     stepped,
 )
 
 NOISE = 0.25  # px
 LENS = (492.8, 319.5, 239.5, 0.12)
+CALIBRATED = Offset(0.0, 1e-8)
+STILL = (np.eye(3), np.zeros(3))
 LEVEL = Mount(0.3, 0.0, 0.0, 0.0, 0.10, 0.06)
 TILTED = Mount(0.5, math.radians(20.0), math.radians(4.0), math.radians(10.0), 0.15, -0.05)
 
@@ -50,23 +53,28 @@ def trial(
     mount: Mount = LEVEL,
     noise: float = NOISE,
     outliers: float = 0.0,
+    pixels: np.ndarray | None = None,
+    offset: float = 0.0,
 ) -> Pose | None:
-    """The pose found from noisy pixels at the key frame and now, from a guess of no motion."""
+    """The pose found from noisy pixels at the key frame and now, from a guess of no motion.
+
+    pixels: (n, 3) at the key frame, without noise; offset: of all disparities [px], unknown.
+    """
     rng = np.random.default_rng(seed)
     camera = view(mount)
-    true = scene(rng, camera)
-    X, _ = camera.points(true)
-    now = camera.project(X, *solid(motion))[:, :3] + noise * rng.standard_normal(true.shape)
-    wrong = rng.random(len(X)) < outliers
-    now[wrong] = scene(rng, camera)[wrong]
-    # The left pixel defines what is followed; the key frame errs in its disparity.
-    true[:, 2] += noise * rng.standard_normal(len(X))
+    true = scene(rng, camera) if pixels is None else pixels
+    true = true - (0.0, 0.0, offset)
+    now = camera.predict(true, *solid(motion), offset)[:, :3]
+    now += noise * rng.standard_normal(true.shape)
+    wrong = rng.random(len(true)) < outliers
+    now[wrong] = scene(rng, camera, len(true))[wrong]
+    true = true + noise * rng.standard_normal(true.shape)
     inside = (now[:, :2] > 0).all(axis=1) & (now[:, 0] < 640) & (now[:, 1] < 480)
-    X, rays = camera.points(true)
-    unknown = rng.random(len(X)) < 0.2
+    unknown = rng.random(len(true)) < 0.2
     now[unknown, 2] = np.nan
-    guess = (np.eye(3), np.zeros(3))
-    return find_pose(X[inside], rays[inside], now[inside], camera, guess, (seed,))
+    keys, now, sigma = true[inside], now[inside], np.full(int(inside.sum()), NOISE)
+    known = Offset() if offset else CALIBRATED
+    return find_pose(keys, now, sigma, camera, STILL, (seed,), offset=known)
 
 
 def nees(pose: Pose, motion: tuple[float, float, float]) -> float:
@@ -84,10 +92,43 @@ def test_motion_is_found_within_its_covariance(motion, outliers):
     assert len(poses) == 60
     # Errors here are independent from point to point: the covariance allows for more than that.
     mean = TOGETHER * np.mean([nees(pose, motion) for pose in poses])
-    assert 1.8 < mean < 5.0
+    assert 2.0 < mean < 4.5
     assert np.mean([pose.noise for pose in poses]) == pytest.approx(NOISE, rel=0.25)
     errors = np.array([pose.planar - motion for pose in poses])
     assert np.abs(errors.mean(axis=0)).max() < 1e-3
+
+
+def far_points(rng: np.random.Generator, n: int = 200) -> np.ndarray:
+    """Pixels (n, 3) at the key frame, without noise, of points 12 to 120 m away."""
+    u, v, d = rng.uniform(20, 620, n), rng.uniform(20, 460, n), rng.uniform(0.5, 5.0, n)
+    return np.column_stack([u, v, u - d])
+
+
+def test_far_points_do_not_lengthen_the_way():
+    """Depth is not linear in disparity, yet the mean of many draws is the true length."""
+    lengths = []
+    for seed in range(80):
+        pixels = far_points(np.random.default_rng(1000 + seed))
+        pose = trial(seed, (1.0, 0.0, 0.02), noise=0.4, pixels=pixels)
+        assert pose is not None
+        lengths.append(pose.planar[0])
+    uncertainty = np.std(lengths) / np.sqrt(len(lengths))
+    assert uncertainty < 0.002
+    assert abs(np.mean(lengths) - 1.0) < 2.5 * uncertainty
+
+
+def test_the_offset_of_all_disparities_is_found():
+    """One that a calibration leaves makes the way longer or shorter, unless it is estimated."""
+    poses = [
+        trial(seed, (1.0, 0.0, 0.02), pixels=far_points(np.random.default_rng(seed)), offset=-0.2)
+        for seed in range(40)
+    ]
+    assert all(pose is not None for pose in poses)
+    offsets = [pose.offset.value for pose in poses if pose]
+    # The prior pulls a single one towards zero.
+    assert -0.25 < np.mean(offsets) < -0.17
+    assert np.mean([pose.planar[0] for pose in poses if pose]) == pytest.approx(1.0, abs=0.01)
+    assert all(pose.offset.variance < 0.5 * Offset().variance for pose in poses if pose)
 
 
 def test_false_matches_are_left_out():
@@ -119,15 +160,14 @@ def test_more_noise_is_more_doubt():
 def test_too_few_points_are_no_pose(count):
     camera = view()
     pixels = scene(np.random.default_rng(1), camera, count)
-    X, rays = camera.points(pixels)
-    assert find_pose(X, rays, pixels, camera, (np.eye(3), np.zeros(3)), (1,)) is None
+    assert find_pose(pixels, pixels, np.ones(count), camera, STILL, (1,)) is None
 
 
 def test_points_that_agree_on_nothing_are_no_certain_pose():
     rng = np.random.default_rng(2)
     camera = view()
-    X, rays = camera.points(scene(rng, camera))
-    pose = find_pose(X, rays, scene(rng, camera), camera, (np.eye(3), np.zeros(3)), (1,))
+    keys, now = scene(rng, camera), scene(rng, camera)
+    pose = find_pose(keys, now, np.full(len(keys), NOISE), camera, STILL, (1,))
     assert pose is None or pose.inliers.mean() < 0.2
 
 
@@ -135,37 +175,47 @@ def test_residuals_and_their_derivatives_are_those_of_the_projection():
     """The kernels against plain numpy: projection, and differences of it."""
     rng = np.random.default_rng(4)
     camera = view(TILTED)
-    pixels = scene(rng, camera, 12)
-    X, rays = camera.points(pixels)
+    keys = scene(rng, camera, 12)
+    keys[5, 2] = keys[5, 0]  # at infinity
+    at = keys + 0.3 * rng.standard_normal(keys.shape)
     R, t = stepped(*solid((0.1, 0.02, 0.2)), np.array([0.0, 0.0, 0.01, 0.02, -0.01, 0.0]))
-    now = camera.project(X, R, t)[:, :3] + rng.standard_normal((12, 3))
+    now = camera.predict(keys, R, t)[:, :3] + rng.standard_normal((12, 3))
     now[::3, 2] = np.nan
-    place = (camera.rotation, camera.position, camera.lens)
+    place = (camera.rotation, camera.position, (*LENS, 0.1))
 
-    def residuals(points: np.ndarray, step: np.ndarray) -> np.ndarray:
-        return np.nan_to_num(camera.project(points, *stepped(R, t, step))[:, :3] - now)
+    def predicted(k: np.ndarray, step: np.ndarray) -> np.ndarray:
+        seen = camera.predict(k, *stepped(R, t, step[:6]), 0.1 + step[6])[:, :3]
+        return np.where(np.isnan(now), 0.0, seen)
 
-    h = 1e-6
-    r = residuals(X, np.zeros(6))
-    J = np.stack(
-        [(residuals(X, h * e) - residuals(X, -h * e)) / (2 * h) for e in np.eye(6)], axis=-1
+    def slopes(of, axes: np.ndarray) -> np.ndarray:
+        h = 1e-5
+        return np.stack([(of(h * e) - of(-h * e)) / (2 * h) for e in axes], axis=-1)
+
+    J = slopes(lambda step: predicted(at, step), np.eye(7))
+    D = slopes(lambda shift: predicted(at + shift, np.zeros(7)), np.eye(3))
+    r = predicted(at, np.zeros(7)) - np.nan_to_num(now) + np.einsum("nij,nj->ni", D, keys - at)
+    S = np.linalg.inv(np.eye(3) + D @ D.transpose(0, 2, 1))
+    arguments = (keys, at, now)
+    squared = np.einsum("ni,nij,nj->n", r, S, r)
+    assert np.allclose(misfits(*arguments, R, t, *place), squared, rtol=1e-5)
+    agree = np.arange(12) != 3
+    best = keys - agree[:, None] * np.einsum("nji,njk,nk->ni", D, S, r)
+    assert np.allclose(relinearised(*arguments, agree, R, t, *place), best, atol=1e-5)
+    sigma, weights = rng.uniform(0.1, 0.5, 12), rng.uniform(0.1, 1.0, 12)
+    H, b, H2 = normal_equations(*arguments, sigma, weights, R, t, *place)
+    w = weights / sigma**2
+    assert np.allclose(H, np.einsum("n,nik,nij,njl->kl", w, J, S, J), rtol=1e-4, atol=1e-3)
+    assert np.allclose(b, np.einsum("n,nik,nij,nj->k", w, J, S, r), rtol=1e-4, atol=1e-3)
+    assert np.allclose(
+        H2, np.einsum("n,nik,nij,njl->kl", w * weights, J, S @ S, J), rtol=1e-4, atol=1e-3
     )
-    a = (residuals(X + h * rays, np.zeros(6)) - residuals(X - h * rays, np.zeros(6))) / (2 * h)
-    W = np.linalg.inv(np.eye(3) + a[:, :, None] * a[:, None, :])
-    weights = rng.uniform(0.1, 1.0, 12)
-    H, b, H2 = normal_equations(X, rays, now, weights, R, t, *place)
-    assert np.allclose(misfits(X, rays, now, R, t, *place), np.einsum("ni,nij,nj->n", r, W, r))
-    assert np.allclose(H, np.einsum("n,nik,nij,njl->kl", weights, J, W, J), rtol=1e-5)
-    assert np.allclose(b, np.einsum("n,nik,nij,nj->k", weights, J, W, r), rtol=1e-5, atol=1e-6)
-    WW = W @ W
-    assert np.allclose(H2, np.einsum("n,nik,nij,njl->kl", weights**2, J, WW, J), rtol=1e-5)
 
 
-def best_of(X, rays, pixels, triples, R, t, place, prior, gate, head_start):
+def best_of(keys, pixels, triples, R, t, place, prior, gate, head_start):
     """`hypotheses` in plain numpy, over the kernels tested above."""
 
     def scored(R1, t1):
-        squared = misfits(X, rays, pixels, R1, t1, *place)
+        squared = misfits(keys, keys, pixels, R1, t1, *place)
         return np.maximum(gate - squared, 0.0).sum(), np.mean(squared < gate)
 
     best, best_pose, needed = head_start * scored(R, t)[0], (R, t), len(triples)
@@ -176,8 +226,9 @@ def best_of(X, rays, pixels, triples, R, t, place, prior, gate, head_start):
             continue
         R1, t1 = R, t
         for _ in range(FIT_ROUNDS):
-            points = (X[three], rays[three], pixels[three])
-            H, b, _ = normal_equations(*points, np.ones(3), R1, t1, *place)
+            points = (keys[three], keys[three], pixels[three])
+            H, b, _ = normal_equations(*points, np.ones(3), np.ones(3), R1, t1, *place)
+            H, b = H[:6, :6], b[:6]
             b += prior * (0.0, 0.0, t1[2], R1[2, 1], -R1[2, 0], 0.0)
             step = -np.linalg.solve(H + np.diag(prior + 1e-9), b)
             R1, t1 = stepped(R1, t1, step)
@@ -196,15 +247,14 @@ def test_the_best_of_many_hypotheses_is_found(head_start):
     rng = np.random.default_rng(6)
     camera = view(TILTED)
     true = scene(rng, camera)
-    X, rays = camera.points(true)
     motion = solid((0.1, 0.02, 0.1))
-    pixels = camera.project(X, *motion)[:, :3] + 0.2 * rng.standard_normal(true.shape)
+    pixels = camera.predict(true, *motion)[:, :3] + 0.2 * rng.standard_normal(true.shape)
     pixels[:60] = scene(rng, camera)[:60]
-    triples = rng.integers(len(X), size=(40, 3))
-    place = (camera.rotation, camera.position, camera.lens)
+    triples = rng.integers(len(true), size=(40, 3))
+    place = (camera.rotation, camera.position, (*camera.lens, 0.0))
     prior = np.array([0.0, 0.0, 9.0, 30.0, 30.0, 0.0])
     guess = solid((0.1, 0.018, 0.099))
-    arguments = (X, rays, pixels, triples, *guess)
+    arguments = (true, pixels, triples, *guess)
     R, t = hypotheses(*arguments, *place, prior, 9.0, head_start)
     R2, t2 = best_of(*arguments, place, prior, 9.0, head_start)
     assert np.allclose(R, R2, atol=1e-9)

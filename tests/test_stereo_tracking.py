@@ -18,12 +18,9 @@ from stereo.patch_kernels import (
     remember,
     search_rows,
 )
-from stereo.pose import View
 from stereo.tracking import KeyFrame, Pyramids
 
 SHAPE = (240, 320)
-LENS = (246.4, 159.5, 119.5, 0.12)
-VIEW = View(np.eye(3), np.zeros(3), LENS)
 
 
 def picture(shift: tuple[float, float] = (0.0, 0.0), seed: int = 1) -> np.ndarray:
@@ -158,8 +155,8 @@ def test_rows_are_searched_as_numpy_would():
 
 
 def test_images_of_different_things_have_no_depth():
-    same = KeyFrame(Pyramids.of(picture(), picture((-9.0, 0.0))), VIEW)
-    assert len(KeyFrame(Pyramids.of(picture(), picture(seed=9)), VIEW)) < 0.2 * len(same)
+    same = KeyFrame(Pyramids.of(picture(), picture((-9.0, 0.0))))
+    assert len(KeyFrame(Pyramids.of(picture(), picture(seed=9)))) < 0.2 * len(same)
 
 
 def test_corners_stand_in_all_parts_of_the_image():
@@ -175,22 +172,34 @@ def test_corners_stand_in_all_parts_of_the_image():
 def test_a_key_frame_knows_depth_and_is_found_again():
     disparity = 12.25
     first = Pyramids.of(picture(), picture((-disparity, 0.0)))
-    key = KeyFrame(first, VIEW)
+    key = KeyFrame(first)
     assert len(key) > 200
-    depth = LENS[0] * LENS[3] / disparity
-    assert np.median(key.points[:, 2]) == pytest.approx(depth, rel=0.01)
+    assert np.median(key.pixels[:, 0] - key.pixels[:, 2]) == pytest.approx(disparity, rel=0.01)
+    assert np.abs(np.median(key.row_errors)) < 0.02
     second = Pyramids.of(picture((5.5, 1.0)), picture((5.5 - disparity, 1.0)))
-    pixels, found = key.find(second, key.pixels, np.ones(len(key)))
+    pixels, sigma, found = key.find(second, key.pixels, np.ones(len(key)))
     assert found.mean() > 0.8
-    moved = np.median(pixels[found, :2] - key.pixels[found, :2], axis=0)
-    assert moved == pytest.approx([5.5, 1.0], abs=0.05)
+    moved = pixels[found, :2] - key.pixels[found, :2]
+    assert np.median(moved, axis=0) == pytest.approx([5.5, 1.0], abs=0.05)
+    # Where each is, is as uncertain as its window says: not all windows alike.
+    noise = 30.0 * np.random.default_rng(5).standard_normal((2, *SHAPE))
+    grainy = [
+        np.clip(image + n, 0, 255).astype(np.uint8)
+        for image, n in zip((second.left[0], second.right[0]), noise, strict=True)
+    ]
+    pixels, sigmas, found_too = key.find(Pyramids.of(*grainy), key.pixels, np.ones(len(key)))
+    both = found & found_too
+    assert np.median(sigmas[both]) > 1.5 * np.median(sigma[both])
+    error = np.abs(pixels[both, :2] - key.pixels[both, :2] - (5.5, 1.0)).mean(axis=1)
+    surer = sigmas[both] < np.median(sigmas[both])
+    assert np.median(error[surer]) < 0.9 * np.median(error[~surer])
 
 
 def test_points_far_from_where_they_are_expected_are_told_by_their_looks():
     disparity = 12.0
-    first = KeyFrame(Pyramids.of(picture(), picture((-disparity, 0.0))), VIEW)
+    first = KeyFrame(Pyramids.of(picture(), picture((-disparity, 0.0))))
     shift = (60.0, -20.0)
-    second = KeyFrame(Pyramids.of(picture(shift), picture((60.0 - disparity, -20.0))), VIEW)
+    second = KeyFrame(Pyramids.of(picture(shift), picture((60.0 - disparity, -20.0))))
     i, j = first.alike(second)
     assert len(i) > 60
     moved = second.pixels[j, :2] - first.pixels[i, :2]

@@ -29,7 +29,7 @@ import click
 @click.option(
     "--rig", type=click.Path(path_type=Path), help="rig.yaml for all; wins over the recordings' own"
 )
-@click.option("--motion", help="as of 'beemap map'; default: what each recording holds")
+@click.option("--motion", help="as of 'beemap map'; default: fused, else visual")
 @click.option("--settings", "settings_file", type=click.Path(path_type=Path), help="YAML settings")
 @click.option("--set", "overrides", multiple=True, metavar="STAGE.KEY=VALUE", help="one setting")
 @click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True)

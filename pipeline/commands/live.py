@@ -27,7 +27,7 @@ from pipeline.commands.web_options import check_web, watched, web_options
 @click.option(
     "--motion",
     type=click.Choice(["encoders", "visual", "fused"]),
-    help="From the wheels, the images, or both.  [default: encoders, without any visual]",
+    help="From the wheels, the images, or both.  [default: fused; visual without encoders]",
 )
 @click.option(
     "--continue",
@@ -93,7 +93,7 @@ def live_command(
     rig = load_live_rig(rig_file)
     rig.source.calibrated()
     if motion is None:
-        motion = "visual" if rig.parameters is None else "encoders"
+        motion = "visual" if rig.parameters is None else "fused"
     elif motion != "visual":
         rig.wheels()
     given = given_settings(settings_file, overrides)

@@ -48,9 +48,8 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--motion",
-    help="encoders, odometry (kept as poses), visual (from the images), fused (wheels and images), "
-    "poses (the recording's own truth) or poses:FILE.tum; default: the first of these three that "
-    "there is",
+    help="fused (images and wheels), visual (images), encoders, odometry (kept as poses), poses "
+    "(the recording's own truth) or poses:FILE.tum; default: fused, else visual",
 )
 @click.option(
     "--method",

@@ -61,7 +61,7 @@ def odometry_findings(
     if encoders:
         return findings
     remedy = (
-        "calibrate the cameras, or doubt them more (visual.along, visual.heading)"
+        "calibrate the cameras, or trust them less (a smaller visual.rows)"
         if images
         else "calibrate the robot's odometry, or doubt it more (odometry.heading, .along)"
     )

@@ -64,7 +64,7 @@ class LiveOptions:
     known: Observations = NOTHING
     facts: dict[str, Any] = field(default_factory=dict)
     begin: KnownMap | None = None
-    motion: str = "encoders"
+    motion: str = "fused"
     watcher: Watcher = NOBODY
 
 

@@ -15,6 +15,7 @@ from stereo.scan import RangeScan
 
 LOCAL_MAPS = 2  # the second one is weighed against the first
 WALL = 2.0  # m
+SHIFT = 8  # px, the disparity of the noise
 
 
 def warm_up(rig: StereoRig, settings: Settings, looks: bool) -> None:
@@ -29,8 +30,9 @@ def warm_up(rig: StereoRig, settings: Settings, looks: bool) -> None:
     scan = ranger(pair)
     if looks:
         motion = looking(rig, None, settings, seed=0)
+        seen_double = StereoPair(0, noise, np.roll(noise, -SHIFT, axis=1))
         for stamp in range(3):
-            motion.step(stamp, motion.prepare(pair))
+            motion.step(stamp, motion.prepare(seen_double))
     wall = np.full(len(scan.bearing), WALL)
     seen = RangeScan(0, scan.origin, scan.bearing, wall, 0.01 * wall, scan.max_range)
     mapper = HierarchicalMapper(settings.mapping)
