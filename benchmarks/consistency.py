@@ -32,8 +32,8 @@ from pipeline.visual_motion import VisualMotion
 FACTOR = 1.5  # of the dimension, within which the mean must be
 ROOMS = ("office", "clutter", "corridor", "glass")
 STREET = Path("recordings/kitti-street")
-# The truth of the street turns by the same angle in each of its first steps: it was interpolated.
-# Its frame is turned against the camera's by a quarter of a degree.
+# The truth of the street turns by the same angle in each of its first steps, as if interpolated,
+# and the direction of travel differs from the camera's by a constant quarter of a degree.
 STREET_SKIP = 12
 HEADER = ("recording", "motion", "step", "1 s", "5 s", "20 steps", "standard deviation over error")
 
