@@ -1,12 +1,13 @@
-# Needs make and Python 3.11 to 3.13 and nothing else: all is installed into .venv.
+# Needs make and Python 3.11 to 3.14 and nothing else: all is installed into .venv; what the system
+# must bring is looked for before that (.ci/system).
 # A Python of another name: make demo PYTHON=python3.12
-PYTHON ?= python3
+export PYTHON
 VENV := .venv
+NEWEST := .venv-newest
 BIN := $(VENV)/bin
-# Exact versions from the lock, of the build tool too: no isolated build with whatever is newest.
-INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
+ROUNDS ?= 20
 
-.PHONY: demo test check bench install clean
+.PHONY: demo test test-newest fuzz check bench install clean
 
 demo: $(VENV)/installed
 	$(BIN)/beemap map data/office -o demo-map --force
@@ -16,6 +17,17 @@ demo: $(VENV)/installed
 
 test: $(VENV)/installed-dev
 	$(BIN)/python -m pytest -n auto --dist loadfile
+
+# The same tests with the newest versions of everything instead of those in the lock.
+test-newest:
+	@NEWEST=1 sh .ci/install $(NEWEST) dev
+	$(NEWEST)/bin/python -m pytest -n auto --dist loadfile
+
+# The property tests with new examples in every round; `make test` has the same ones every time.
+fuzz: $(VENV)/installed-dev
+	for round in $$(seq $(ROUNDS)); do \
+	  $(BIN)/python -m pytest -m hypothesis --hypothesis-profile=fuzz -n auto --dist loadfile || exit; \
+	done
 
 check: $(VENV)/installed-dev
 	$(BIN)/ruff check
@@ -29,21 +41,11 @@ bench: $(VENV)/installed-dev
 install: $(VENV)/installed
 
 clean:
-	rm -rf $(VENV) demo-map build *.egg-info .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(NEWEST) demo-map build *.egg-info .pytest_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
-$(BIN)/pip:
-	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' 2>/dev/null || { \
-	  echo "beemap needs Python 3.11 to 3.13; '$(PYTHON)' is $$($(PYTHON) --version 2>&1 | tail -n 1):" \
-	    "name another one, as in 'make demo PYTHON=python3.12'" >&2; exit 2; }
-	$(PYTHON) -m venv $(VENV)
-
-$(VENV)/installed: pyproject.toml constraints.txt | $(BIN)/pip
-	@echo "Installing into $(VENV) (1.4 GB, a minute or two) ..."
-	$(INSTALL) setuptools
-	$(INSTALL) --no-build-isolation -e .
-	@touch $@
+$(VENV)/installed: pyproject.toml constraints.txt
+	@sh .ci/install $(VENV)
 
 $(VENV)/installed-dev: $(VENV)/installed
-	$(INSTALL) --no-build-isolation -e '.[dev]'
-	@touch $@
+	@sh .ci/install $(VENV) dev

@@ -11,6 +11,9 @@ from calibration.board import Board
 # half of it, another row of squares all.
 GOES_ON = 0.75
 ALTERNATE = 0.9  # of the corners, at least; glare may hide some
+# Standard deviation of grey within squares, over the contrast between them: blur of a quarter of a
+# square leaves 0.16, a lattice that runs aslant over several squares 0.4 and more.
+MIXED = 0.28
 
 
 def search_chessboard(image: np.ndarray, board: Board) -> np.ndarray | None:
@@ -40,11 +43,12 @@ def _by_sectors(image: np.ndarray, size: tuple[int, int]):
 def _is_whole(image: np.ndarray, grid: np.ndarray) -> bool:
     """Whether black and white alternate at the corners (rows, columns, 2) px, and not beyond them.
 
-    A smaller board is also found within a larger one, sometimes with a row left out, and which
-    part of it may differ from image to image.
+    A smaller board is also found within a larger one, sometimes aslant or with a row left out, and
+    which part of it may differ from image to image.
     """
     pattern = _pattern(image, grid.astype(float))
     regular = max(np.mean(pattern > 0), np.mean(pattern < 0)) > ALTERNATE
+    regular &= _mixed(image, grid.astype(float)) < MIXED * np.abs(pattern).mean() / 2
     sides = (np.rot90(grid.astype(float), turns) for turns in range(4))
     return bool(regular) and all(_beyond(image, side) < GOES_ON for side in sides)
 
@@ -59,6 +63,14 @@ def _beyond(image: np.ndarray, grid: np.ndarray) -> float:
     return float(there / here) if here else 0.0
 
 
+def _mixed(image: np.ndarray, grid: np.ndarray) -> float:
+    """Standard deviation of grey within the squares between corners (rows, columns, 2) px."""
+    inside = (0.25, 0.5, 0.75)
+    above = [grid[:, :-1] + a * (grid[:, 1:] - grid[:, :-1]) for a in inside]
+    places = [row[:-1] + b * (row[1:] - row[:-1]) for row in above for b in inside]
+    return float(np.mean(np.std([_grey(image, place) for place in places], axis=0)))
+
+
 def _pattern(image: np.ndarray, grid: np.ndarray) -> np.ndarray:
     """Grey of the squares at one diagonal less that at the other, around corners
     (rows, columns, 2) px; the sign turned at every second corner, so that it is one on a board."""
@@ -66,8 +78,18 @@ def _pattern(image: np.ndarray, grid: np.ndarray) -> np.ndarray:
     total = np.zeros(grid.shape[:2])
     for right in (-1, 1):
         for below in (-1, 1):
-            places = (grid + 0.3 * (right * across + below * down)).astype(np.float32)
-            u, v = places[..., 0], places[..., 1]
-            grey = cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-            total += right * below * grey.astype(float)
+            total += right * below * _grey(image, grid + 0.3 * (right * across + below * down))
     return total * (1 - 2 * (np.indices(total.shape).sum(axis=0) % 2))
+
+
+def _grey(image: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Grey (rows, columns) at places (rows, columns, 2) px."""
+    u, v = np.moveaxis(places.astype(np.float32), -1, 0)
+    grey = cv2.remap(
+        image,
+        np.ascontiguousarray(u),
+        np.ascontiguousarray(v),
+        cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_REPLICATE,
+    )
+    return grey.astype(float)

@@ -19,7 +19,7 @@ from calibration.board import Board
 from calibration.detection import Detection
 from calibration.sighting import Sighting
 
-VERSION = 1  # to be raised with every change to what detection finds
+VERSION = 2  # to be raised with every change to what detection finds
 
 
 def default_cache_folder() -> Path:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import platform
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,32 +13,50 @@ from mapping.grid import OCCUPIED, UNKNOWN, OccupancyGrid
 # Points closer together than this are merged: SGBM gives no finer detail at these ranges [m].
 VOXEL = 0.03
 
-SYSTEM_LIBRARIES = "libgl1 libegl1 libx11-6 libusb-1.0-0 libgomp1"
+SYSTEM_LIBRARIES = "libgl1 libegl1 libx11-6 libusb-1.0-0 libudev1 libidn2-0"
+GLIBC = "2.35"  # the oldest that the wheels of Open3D 0.20 load on
 
 
 class Open3DMissingError(RuntimeError):
-    """Open3D cannot be loaded; the message names the system libraries to install."""
+    """Open3D cannot be loaded; the message says why in one line, and what to install."""
 
 
 def import_open3d():
     """Open3D, imported late (0.6 s).
 
-    Raises Open3DMissingError with the remedy where a system library is missing.
+    Raises Open3DMissingError, with the remedy, where it cannot be loaded.
     """
     while True:
         try:
             import open3d
-        except (ImportError, OSError) as error:
-            raise Open3DMissingError(
-                f"Open3D cannot be loaded ({error}): on Debian or Ubuntu run "
-                f"'apt-get install {SYSTEM_LIBRARIES}'"
-            ) from None
+        except ModuleNotFoundError as error:
+            raise Open3DMissingError(_not_installed(error)) from None
         except RuntimeError as error:
             # It walks through sys.modules, to which another thread's import may add meanwhile.
             if "changed size during iteration" not in str(error):
-                raise
+                raise Open3DMissingError(_not_loaded(error)) from None
+        except Exception as error:  # a library or symbol that the system lacks, a broken install
+            raise Open3DMissingError(_not_loaded(error)) from None
         else:
             return open3d
+
+
+def _not_installed(error: ModuleNotFoundError) -> str:
+    if error.name not in (None, "open3d"):
+        return f"Open3D lacks {error.name}: pip install {error.name}"
+    small = sys.platform == "linux" and platform.machine() == "x86_64"
+    needs = f" (its wheels need glibc {GLIBC} or newer)" if sys.platform == "linux" else ""
+    return f"Open3D is not installed: pip install {'open3d-cpu' if small else 'open3d'}{needs}"
+
+
+def _not_loaded(error: Exception) -> str:
+    why = " ".join(str(error).split()) or type(error).__name__
+    if "GLIBC" in why:
+        return f"Open3D cannot be loaded ({why}): its wheels need glibc {GLIBC} or newer"
+    return (
+        f"Open3D cannot be loaded ({why}): on Debian or Ubuntu run "
+        f"'apt-get install {SYSTEM_LIBRARIES}'"
+    )
 
 
 def map_points(grid: OccupancyGrid) -> tuple[np.ndarray, np.ndarray]:

@@ -107,7 +107,10 @@ class CounterTracker:
         self.events: list[str] = []
         self._limits = limits
         self._last: TickReading | None = None
-        self._held: list[tuple[int, int, int]] = []
+        # Readings held back, as they are if the counters began anew with the first of them; and
+        # the tracker that read them so.
+        self._held: list[TickReading] = []
+        self._anew: CounterTracker | None = None
         self._announced = False
         self._interval = 0  # between the last two readings [ns]
         self._anchors: list[TickReading] = []  # two earlier readings, for the speeds
@@ -142,20 +145,23 @@ class CounterTracker:
             return [self._step(new, moved_left, moved_right)]
         if reset:
             self._drop_held()
-            return self._anew([new], "resets")
+            self._hold(new, last)
+            return self._begin_anew("resets")
         doubtful = self._announced or self._silence(interval)
         began_anew = doubtful and self._began_anew(last, new)
         if not began_anew and self._follows(last[:3], new):
             self._drop_held()
             return [self._step(new, moved_left, moved_right)]
-        if self._held and not self._follows(self._held[-1], new):
+        agreeing = self._anew.take(*new) if self._anew else []
+        if agreeing:
+            self._held += agreeing
+        else:
             self._drop_held()
-        self._held.append(new)
+            self._hold(new, last)
         if len(self._held) < CONFIRM:
             return []
-        held, self._held = self._held, []
-        near_zero = began_anew or self._away(*held[0][1:]) <= NEAR_ZERO
-        return self._anew(held, "resets" if near_zero else "jumps")
+        near_zero = began_anew or self._away(*self._held[0][1:3]) <= NEAR_ZERO
+        return self._begin_anew("resets" if near_zero else "jumps")
 
     def _step(self, new: tuple[int, int, int], left: int, right: int) -> TickReading:
         """The next reading, so many counts on."""
@@ -167,33 +173,36 @@ class CounterTracker:
             self._anchors = [*self._anchors[-1:], self._last]
         return self._last
 
-    def _anew(self, readings: list[tuple[int, int, int]], what: str) -> list[TickReading]:
-        last = self._last
+    def _hold(self, new: tuple[int, int, int], last: TickReading) -> None:
+        """Hold a reading back: perhaps the counters began anew with it.
+
+        What follows is judged as it will be where the readings taken are read again.
+        """
+        reading = TickReading(*new, last.left_total, last.right_total, True)
+        self._held = [reading]
+        self._anew = CounterTracker(self._limits)
+        self._anew._last = reading
+
+    def _begin_anew(self, what: str) -> list[TickReading]:
+        """The readings held back, which are taken."""
+        last, taken, tracker = self._last, self._held, self._anew
         assert last is not None
-        stamp, left, right = readings[0]
+        assert tracker is not None
+        first = taken[0]
         self.counts[what] += 1
         self.events.append(
             f"encoders: the counters {'restarted' if what == 'resets' else 'jumped'} from "
-            f"{last.left}, {last.right} to {left}, {right} after "
-            f"{(stamp - last.stamp) / 1e9:.2f} s: taken as no motion, with much doubt"
+            f"{last.left}, {last.right} to {first.left}, {first.right} after "
+            f"{(first.stamp - last.stamp) / 1e9:.2f} s: taken as no motion, with much doubt"
         )
-        self._last = TickReading(stamp, left, right, last.left_total, last.right_total, True)
-        self._announced = False
-        self._anchors = []
-        taken = [self._last]
-        bits = self._limits.bits
-        for reading in readings[1:]:
-            moved = (
-                shortest_difference(reading[1] - self._last.left, bits),
-                shortest_difference(reading[2] - self._last.right, bits),
-            )
-            taken.append(self._step(reading, *moved))
+        self._last, self._interval, self._anchors = taken[-1], tracker._interval, tracker._anchors
+        self._announced, self._held, self._anew = False, [], None
         return taken
 
     def _drop_held(self) -> None:
         if self._held:
             self.counts["implausible"] += len(self._held)
-            self._held = []
+            self._held, self._anew = [], None
 
     def _follows(self, before: tuple[int, int, int], after: tuple[int, int, int]) -> bool:
         seconds = (after[0] - before[0]) * 1e-9

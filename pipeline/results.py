@@ -18,7 +18,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from mapping.clouds import VOXEL, map_points, write_ply
+from mapping.clouds import VOXEL, Open3DMissingError, import_open3d, map_points, write_ply
 from mapping.grid import FREE, OCCUPIED, OccupancyGrid
 from odometry.motion import compose
 from pipeline.health.run_health import RunHealth
@@ -82,13 +82,13 @@ def write_results(
     places = located(run.places, mapper.stamps, path)
     write_places(folder, places)
     _write_picture(folder / "map.png", run, grid, path, places)
-    _write_cloud(folder / "map.ply", *map_points(grid))
-    if run.key_frames is not None:
-        _write_cloud(folder / "cloud.ply", *_world_points(run.key_frames, path), voxel=VOXEL)
+    no_clouds = _write_clouds(folder, run, grid, path)
     (folder / "health.csv").write_text(_health(run), encoding="ascii")
     (folder / "settings.yaml").write_text(as_yaml(settings), encoding="utf-8")
     health = RunHealth.of(run, path, facts)
     summary = _summary(run, grid, path, facts, health)
+    if no_clouds:
+        summary["health"].append(no_clouds)
     origin = origin or Origin.unknown(folder)
     if untold := _report(folder, run, settings, grid, path, health, summary, origin):
         summary["health"].append(untold)
@@ -124,6 +124,18 @@ def _write_picture(
     encoded, data = cv2.imencode(".png", picture)
     assert encoded
     file.write_bytes(data.tobytes())
+
+
+def _write_clouds(folder: Path, run: MapRun, grid: OccupancyGrid, path: np.ndarray) -> str:
+    """Write map.ply and, of a recording, cloud.ply; why there are none, where Open3D is missing."""
+    try:
+        import_open3d()
+    except Open3DMissingError as error:
+        return f"no cloud.ply, map.ply: {error}"
+    _write_cloud(folder / "map.ply", *map_points(grid))
+    if run.key_frames is not None:
+        _write_cloud(folder / "cloud.ply", *_world_points(run.key_frames, path), voxel=VOXEL)
+    return ""
 
 
 def _write_cloud(file: Path, points: np.ndarray, colours: np.ndarray, voxel: float = 0.0) -> None:

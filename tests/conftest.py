@@ -23,8 +23,10 @@ OFFICE = Path(__file__).parent.parent / "data" / "office"
 PAIRS = 40
 QUICK = ("--set", "mapping.particles=20", "--quiet")  # of `office_run`
 
-# The first example of a test may load OpenCV or compile a kernel.
-settings.register_profile("beemap", deadline=None)
+# No deadline: the first example of a test may load OpenCV or compile a kernel. The examples are the
+# same in every run; those of `make fuzz` are new in each, and it replays what failed before.
+settings.register_profile("beemap", deadline=None, derandomize=True, database=None)
+settings.register_profile("fuzz", deadline=None)
 settings.load_profile("beemap")
 
 

@@ -110,7 +110,7 @@ def stereo_rectified(recording: Path) -> dict[str, tuple[np.ndarray, ...]]:
     (K1, D1, A), (K2, D2, B) = sheets
     pose = np.linalg.inv(B) @ A  # left camera to right camera
     R1, R2, P1, P2 = cv2.stereoRectify(
-        K1, D1, K2, D2, SIZE, pose[:3, :3], pose[:3, 3], flags=cv2.CALIB_ZERO_DISPARITY, alpha=0
+        K1, D1, K2, D2, SIZE, pose[:3, :3], pose[:3, 3:], flags=cv2.CALIB_ZERO_DISPARITY, alpha=0
     )[:4]
     return {"left": (K1, D1, R1, P1), "right": (K2, D2, R2, P2)}
 

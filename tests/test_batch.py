@@ -94,9 +94,10 @@ def waited_for(process: subprocess.Popen, folder: Path, pattern: str) -> None:
 
 def children(process: subprocess.Popen) -> list[int]:
     """Its worker processes."""
-    words = ["ps", "ww", "-o", "pid=", "-o", "args=", "--ppid", str(process.pid)]
-    listed = subprocess.run(words, capture_output=True, text=True).stdout
-    return [int(line.split()[0]) for line in listed.splitlines() if "spawn_main" in line]
+    import psutil  # comes with distributed; a slim system has no ps
+
+    found = psutil.Process(process.pid).children()
+    return [child.pid for child in found if "spawn_main" in " ".join(child.cmdline())]
 
 
 def test_interrupted_and_with_a_worker_killed_it_ends_with_the_same_bytes(

@@ -154,7 +154,7 @@ def test_tags_with_kalibrs_wide_border_count_whichever_way_up_they_are_printed(h
     np.testing.assert_allclose(sighting.corners, truth, atol=0.2)
 
 
-@pytest.mark.parametrize("size", ["8x6", "9x5", "7x4"])
+@pytest.mark.parametrize("size", ["8x6", "9x5", "7x4", "6x4", "5x4", "4x3"])
 def test_a_part_of_a_larger_chessboard_is_no_board(size):
     board = parse_board("chessboard:9x6", 0.03)
     smaller = parse_board(f"chessboard:{size}", 0.03)
@@ -208,6 +208,7 @@ def test_noise_and_specks_of_images_show_no_board(text, shape):
     ("name", "text", "smaller"),
     [
         ("opencv-sample", "chessboard:9x6", "chessboard:8x6"),
+        ("opencv-sample", "chessboard:9x6", "chessboard:6x4"),
         ("bumblebee2-chess", "chessboard:4x6", "chessboard:4x5"),
     ],
 )

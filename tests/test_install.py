@@ -88,16 +88,3 @@ def test_simulates_and_maps_outside_the_repository(installed, tmp_path):
     results = {path.name for path in (tmp_path / "run").iterdir()}
     wanted = {"map.png", "map.yaml", "trajectory.tum", "cloud.ply", "run.json", "report.html"}
     assert wanted <= results
-
-
-def test_missing_system_library_names_the_packages_to_install(installed, tmp_path):
-    fake = tmp_path / "fake" / "open3d"
-    fake.mkdir(parents=True)
-    loader = "libusb-1.0.so.0: cannot open shared object file: No such file or directory"
-    (fake / "__init__.py").write_text(f"raise ImportError({loader!r})\n")
-    done = beemap([fake.parent, installed], tmp_path, "simulate", "office", "-o", "rec", "--quiet")
-    assert done.returncode == 2
-    assert len(done.stderr.splitlines()) == 1
-    assert loader in done.stderr
-    assert "apt-get install libgl1 " in done.stderr
-    assert not (tmp_path / "rec").exists()

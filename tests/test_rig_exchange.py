@@ -17,6 +17,7 @@ from calibration.exchange.formats import RigFile, read_rig, write_rig
 from calibration.exchange.lenses import without_k3
 from calibration.lens import lens_of, rays
 from calibration.rig import CameraModel, RigError, StereoRig
+from calibration.rotation import turn_matrix
 from calibration.yamlfile import dump_yaml, parse_yaml
 from tests.calibration_views import undistorted
 from tests.rig_files import assert_same_rig, one_rig, rigs
@@ -68,6 +69,15 @@ def test_ros_holds_every_rig(rig, tmp_path):
     found = through(rig, "ros", tmp_path)
     assert_same_rig(found.rig, rig, ROUNDING)
     assert found.notes == []
+
+
+@pytest.mark.parametrize("model", ["radtan", "fisheye"])
+@pytest.mark.parametrize("angle", [2e-9, 2e-7, 9e-6, 1e-4])
+def test_ros_holds_the_smallest_rotation_between_the_cameras(angle, model, tmp_path):
+    R = turn_matrix(np.array([0.3, -1.0, 0.5]) * angle)
+    camera = CameraModel(500.0, 500.0, 320.0, 240.0, model, (0.01, 0.0, 0.0, 0.0))
+    rig = StereoRig((640, 480), camera, camera, R, -R @ np.array([0.1, 0.001, 0.0]))
+    assert_same_rig(through(rig, "ros", tmp_path).rig, rig, 1e-14)
 
 
 @settings(max_examples=10, suppress_health_check=[HealthCheck.function_scoped_fixture])

@@ -45,7 +45,10 @@ def rectification(rig: StereoRig) -> Rectification:
         found = cv2.fisheye.stereoRectify(*cameras, rig.R, T, flags)
     else:
         found = cv2.stereoRectify(*cameras, rig.R, T, flags=flags, alpha=0)[:5]
-    return Rectification(*(np.asarray(m) for m in found))
+    _, R2, P1, P2, Q = (np.asarray(m) for m in found)
+    # OpenCV takes a rotation below 1e-5 rad for none. R2 still levels T, and R1 = R2 R holds
+    # whatever the rotation: R2^T R1, which is all that these formats keep of R, is exact.
+    return Rectification(R2 @ rig.R, R2, P1, P2, Q)
 
 
 def _as_they_are(rig: StereoRig) -> Rectification:

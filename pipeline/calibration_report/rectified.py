@@ -55,7 +55,8 @@ def _rectifying_maps(rig: StereoRig) -> list[tuple[np.ndarray, np.ndarray]]:
     scale = PANEL / width
     K = np.array([[rig.left.fx, 0, width / 2], [0, rig.left.fx, height / 2], [0, 0, 1]])
     none = np.zeros(4)
-    R_left, R_right, *_ = cv2.stereoRectify(K, none, K, none, rig.image_size, rig.R, rig.T)
+    T = np.reshape(rig.T, (3, 1))  # OpenCV 5 takes (3,) for a row
+    R_left, R_right, *_ = cv2.stereoRectify(K, none, K, none, rig.image_size, rig.R, T)
     focal = ZOOM_OUT * scale * min(rig.left.fx, rig.right.fx)
     u, v = np.meshgrid(np.arange(PANEL), np.arange(round(height * scale)))
     centre = (np.array(u.shape)[::-1] - 1) / 2

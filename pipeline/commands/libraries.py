@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import threading
+from contextlib import suppress
 
 from pipeline.errors import InputError
 
@@ -29,28 +30,22 @@ def use_threads(threads: int) -> None:
 
 
 class Open3DLoading:
-    """Imports Open3D (0.6 s) in the background, where it is needed only at the end."""
+    """Imports Open3D (0.6 s) in the background, where it is needed only at the end.
+
+    Where it cannot be loaded the results say so.
+    """
 
     def __init__(self) -> None:
-        self._failure: RuntimeError | None = None
         # No daemon: an interpreter that ends while a library is being loaded crashes.
         self._thread = threading.Thread(target=self._load)
         self._thread.start()
 
     def _load(self) -> None:
-        from mapping.clouds import import_open3d
+        from mapping.clouds import Open3DMissingError, import_open3d
 
-        try:
+        with suppress(Open3DMissingError):
             import_open3d()
-        except RuntimeError as error:
-            self._failure = error
-
-    def check(self) -> None:
-        """Raise what went wrong so far: a long run must not end on a missing library."""
-        if self._failure is not None:
-            raise self._failure
 
     def wait(self) -> None:
-        """Return when Open3D is there."""
+        """Return when Open3D is there, or known to be missing."""
         self._thread.join()
-        self.check()

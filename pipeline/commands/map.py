@@ -162,7 +162,7 @@ def _map(
     # A live run's folder holds its recording: only the results in it are replaced.
     inside = Path(request.input).resolve().is_relative_to(output.resolve())
     with _in_place(output) if inside else new_folder(output, force) as folder:
-        run = _run(job, quiet, open3d, checkpoint)
+        run = _run(job, quiet, checkpoint)
         open3d.wait()
         facts = request.facts(job, settings, threads)
         run.seconds["total"] = time.perf_counter() - begin
@@ -198,7 +198,7 @@ def _in_place(output: Path) -> Iterator[Path]:
         shutil.rmtree(partial, ignore_errors=True)
 
 
-def _run(job: Job, quiet: bool, open3d: Open3DLoading, known: Observations) -> MapRun:
+def _run(job: Job, quiet: bool, known: Observations) -> MapRun:
     """Map with a progress bar; the first Ctrl-C asks the run to end, a second one breaks it."""
     from pipeline.progress import progress_bar
 
@@ -211,12 +211,7 @@ def _run(job: Job, quiet: bool, open3d: Open3DLoading, known: Observations) -> M
 
     previous = signal.signal(signal.SIGINT, on_interrupt)
     try:
-        with progress_bar("mapping", job.unit, quiet) as show:
-
-            def progress(done: int, total: int) -> None:
-                open3d.check()
-                show(done, total)
-
+        with progress_bar("mapping", job.unit, quiet) as progress:
             return job.run(progress, stop.is_set, known)
     finally:
         signal.signal(signal.SIGINT, previous)
