@@ -18,7 +18,7 @@ from numba import njit
 from mapping.density_kernels import bumps, climb, curvature
 from mapping.local_map import LocalMap
 from mapping.pose_graph import Measurements
-from odometry.motion import Motion, compose, inverse, placed
+from odometry.motion import Motion, compose, inverse, placed, rotation
 
 RESOLUTION = 0.5  # of the density, in cells
 # A hit on a surface is so many times likelier than one anywhere.
@@ -32,9 +32,10 @@ OFF_CENTRE = 0.16
 LEAST_SHARED = 30
 SHARE = 0.25
 PARTNERS = 12
-# Within a window the motion drifts and bends the local map: no match is better than this
-# [m, m, rad], however many hits agree.
-BEND = np.array([0.1, 0.1, math.radians(1.2)])
+# Both maps are bent by what the motion errs from a window's middle to its ends: half of the
+# window's covariance. Hits of neighbouring columns and windows share the errors of stereo, too: no
+# match is better than this [m, m, rad], however many hits agree.
+SHARED_ERROR = np.array([0.03, 0.03, math.radians(0.4)])
 # How far from where it was expected a match may lie [m, m, rad].
 REACH = np.array([0.3, 0.3, math.radians(4.0)])
 LAST_STEP = 0.02  # of the search, as a share of the first
@@ -78,6 +79,11 @@ class Surface:
     kappa: float
     middle: np.ndarray
     motion: Motion
+
+    @property
+    def bend(self) -> np.ndarray:
+        """Covariance (3, 3) of where the surface lies: the motion's over half of the window."""
+        return 0.5 * self.motion.covariance
 
 
 def surface(seen: list[Glimpse], frames: np.ndarray, middle: np.ndarray, cell: float) -> Surface:
@@ -147,7 +153,9 @@ def _partners(
         shared = points[one][use[one]]
         measured = _matched(grid, shared, later[k].kappa, relative[k], cell, width)
         if measured is not None:
-            yield k, measured
+            pose, covariance = measured
+            bent = base.bend + _turned(later[k].bend, pose[2]) + np.diag(SHARED_ERROR**2)
+            yield k, (pose, np.linalg.inv(covariance + bent))
 
 
 def _matched(
@@ -158,7 +166,7 @@ def _matched(
     cell: float,
     width: float,
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """Pose (3,) of the points on the density, and its information; None: too far away."""
+    """Pose (3,) of the points on the density, and its covariance; None: too far away."""
     first_step = np.array([width, width, math.radians(width / cell)])
     information = np.diag(1.0 / REACH**2)
     pose = climb(*grid, points, expected, information, kappa, first_step, LAST_STEP)
@@ -166,8 +174,14 @@ def _matched(
         return None
     gained = curvature(*grid, points, kappa, pose, CURVATURE_WIDTH * width / cell)
     values, vectors = np.linalg.eigh(gained)
-    doubt = (vectors / np.maximum(values, LEAST_INFORMATION)) @ vectors.T
-    return pose, np.linalg.inv(doubt + np.diag(BEND**2))
+    return pose, (vectors / np.maximum(values, LEAST_INFORMATION)) @ vectors.T
+
+
+def _turned(covariance: np.ndarray, angle: float) -> np.ndarray:
+    """A covariance (3, 3) of x, y, theta in a frame turned by an angle [rad]."""
+    turn = np.eye(3)
+    turn[:2, :2] = rotation(angle)
+    return turn @ covariance @ turn.T
 
 
 def _density(points: np.ndarray, low: np.ndarray, cell: float, width: float) -> Density:

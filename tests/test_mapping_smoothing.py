@@ -13,7 +13,14 @@ from mapping.mapper import HierarchicalMapper
 from mapping.pose_graph import Measurements, relax
 from mapping.sensor_model import SensorModel
 from mapping.settings import MappingSettings
-from mapping.surface_matching import BEND, Glimpse, Surface, centred, match_surfaces, surface
+from mapping.surface_matching import (
+    SHARED_ERROR,
+    Glimpse,
+    Surface,
+    centred,
+    match_surfaces,
+    surface,
+)
 from odometry.motion import Motion, compose, inverse, placed, wrap_angle
 from pipeline.evaluate_path import align
 from tests.mapping_data import CELL, drive, fed, local_map, round_the_room
@@ -130,7 +137,7 @@ def test_a_wall_that_goes_on_does_not_draw_the_match_along():
     found = match_surfaces(surfaces, expected, CELL, CELL)
     assert found.relative[0, 0] == pytest.approx(2.0, abs=0.05)
     # Across the hits tell, along hardly anything does but the noise of single hits.
-    along, across = np.diag(np.linalg.inv(found.information[0]) - np.diag(BEND**2))[:2]
+    along, across = np.diag(np.linalg.inv(found.information[0]) - np.diag(SHARED_ERROR**2))[:2]
     assert along > 10 * across
 
 
