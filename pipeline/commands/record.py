@@ -60,6 +60,13 @@ def record_command(
         click.echo(f"recording: {output} (beemap map {output} -o run)")
 
 
+# What `Session.report` counts of pairs that came and were not recorded.
+LEFT_OUT = {
+    "late": "this machine was too slow to take them",
+    "backwards": "stamped no later than the pair before",
+}
+
+
 def check_new(folder: Path) -> None:
     """Refuse a folder with something in it: a recording is never replaced."""
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
@@ -83,6 +90,9 @@ def summarise(report: dict[str, Any]) -> None:
             say(f"{name} camera: {told}")
     if cameras["lonely"]:
         say(f"{cameras['lonely']} images without a partner")
+    for key, why in LEFT_OUT.items():
+        if count := cameras.get(key):
+            say(f"{count} pairs left out: {why}")
     wrong = {k: n for k, n in report["encoders"].items() if n and k != "readings"}
     if wrong:
         say("encoders: " + ", ".join(f"{n} {k.replace('_', ' ')}" for k, n in wrong.items()))

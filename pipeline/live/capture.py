@@ -14,6 +14,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import Any
 
 from odometry.reader import LiveEncoders, Tap, open_encoders
 from odometry.settings import OdometrySettings
@@ -61,19 +62,34 @@ class Session:
         self._thread.start()
 
     def stop(self) -> None:
-        """Take no more pairs; the encoders go on."""
+        """Record what has come and take no more pairs; the devices stay open until `capture` ends:
+        a driver that hangs or crashes when it is closed must not cost what is still to be saved.
+        """
+        self.camera.end()
         self._stop.set()
         if self._thread.is_alive():
             self._thread.join()
-        self.camera.close()
+            self.recorder.drain()
 
     def note(self, text: str, stamp: int | None = None) -> None:
         """Write something into the log of the recording, and tell it."""
         self.recorder.note(time.monotonic_ns() if stamp is None else stamp, text)
         self._tell(text)
 
+    def report(self) -> dict[str, Any]:
+        """What came and what was lost, as run.json keeps it."""
+        report, recorder = self.camera.report(), self.recorder
+        lost = {"lonely": report.lonely, "late": report.late, "backwards": report.backwards}
+        return {
+            "cameras": {**report.counts, "pairs": report.pairs, **lost},
+            "skew_ms": [round(v, 3) for v in report.skew_ms],
+            "encoders": self.encoders.report() if self.encoders else {},
+            "recorded": {**recorder.counts, "slowest_sync_s": round(recorder.slowest_sync, 3)},
+        }
+
     def _run(self) -> None:
-        while not self._stop.is_set():
+        pair = None
+        while pair is not None or not self._stop.is_set():
             pair = self.camera.read(POLL_S)
             if pair is not None and self.recorder.add(pair):
                 for sink in self.sinks:
@@ -123,9 +139,10 @@ def capture(
         raise
     session = Session(camera, encoders, recorder, tap, tell)
     with ExitStack() as stack:
-        # Undone in this order: cameras, encoders, recorder: every reading is written.
+        # Undone in this order: the recorder last: every reading is written.
         stack.callback(recorder.close)
         if encoders is not None:
             stack.callback(encoders.close)
+        stack.callback(camera.close)
         stack.callback(session.stop)
         yield session

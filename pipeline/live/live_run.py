@@ -130,11 +130,12 @@ def live_run(
             session.stop()
             run = mapper.finish()
             saver.close()
-    facts = {**options.facts, "odometry": motion.report(), **_counts(session, mapper, saver)}
-    run.seconds["total"] = time.perf_counter() - begin
-    arguments = [str(recording), "--motion", options.motion]
-    origin = Origin(output, recording, arguments, pairs=lambda: open_recording(recording).pairs)
-    summary = save_results(output, run, settings, facts, origin=origin)
+        facts = {**options.facts, "odometry": motion.report(), **_counts(session, mapper, saver)}
+        run.seconds["total"] = time.perf_counter() - begin
+        arguments = [str(recording), "--motion", options.motion]
+        origin = Origin(output, recording, arguments, pairs=lambda: open_recording(recording).pairs)
+        # Before the devices are closed: a driver that crashes then costs no map.
+        summary = save_results(output, run, settings, facts, origin=origin)
     watcher.ended(run)
     error = mapper.error or (InputError(session.recorder.error) if session.recorder.error else None)
     if error is not None:
@@ -175,13 +176,8 @@ def _watch(
 
 
 def _counts(session: Session, mapper: LiveMapper, saver: MapSaver) -> dict[str, Any]:
-    report = session.camera.report()
-    recorder = session.recorder
     return {
-        "cameras": {**report.counts, "pairs": report.pairs, "lonely": report.lonely},
-        "skew_ms": [round(v, 3) for v in report.skew_ms],
-        "encoders": session.encoders.report() if session.encoders else {},
-        "recorded": {**recorder.counts, "slowest_sync_s": round(recorder.slowest_sync, 3)},
+        **session.report(),
         "pairs_skipped": mapper.skipped,
         "pair_to_pose_s": _spread(mapper.latencies),
         "map_to_file_s": _spread(saver.latencies),
