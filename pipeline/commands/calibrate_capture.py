@@ -93,6 +93,8 @@ def capture(
         count, missing = len(taking.kept), taking.wanted()
         left = f"; still missing: {'; '.join(missing[:3])}" if missing else ": enough"
         told = f"{count} pairs in {output}{left}"
+        if taking.damaged:
+            told += f"; {taking.damaged} damaged pairs were left out"
         click.echo(told)
         if no_calibrate or count < FEWEST_PAIRS:
             if page is not None:
