@@ -24,7 +24,7 @@ from odometry.motion import compose
 from pipeline.health.run_health import RunHealth
 from pipeline.map_files import write_map_server, write_npz
 from pipeline.picture import draw_map
-from pipeline.places import located, write_places
+from pipeline.places import run_places, write_places
 from pipeline.run import KeyFrame, MapRun
 from pipeline.run_report.origin import Origin
 from pipeline.settings import Settings, as_yaml
@@ -79,7 +79,7 @@ def write_results(
     write_tum(folder / "odometry.tum", Trajectory(stamps, np.array(mapper.odometry).reshape(-1, 3)))
     if truth is not None:
         write_tum(folder / "truth.tum", truth)
-    places = located(run.places, mapper.stamps, path)
+    places = run_places(run, path)
     write_places(folder, places)
     _write_picture(folder / "map.png", run, grid, path, places)
     _write_cloud(folder / "map.ply", *map_points(grid))

@@ -7,7 +7,7 @@ import time
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -60,7 +60,8 @@ class MapRun:
     unit: what the input consists of; key_frames: None where there are no images; brightness: of
     each observation, the left image over the right one; told: what the motion's source has to say;
     ends: the numbers of the poses at which local maps closed; worst: the pairs to look at;
-    witness: of odometry's errors; places: marked by somebody who watched.
+    witness: of odometry's errors; places: marked by somebody who watched; earlier_places: of an
+    earlier run into the same folder, and of the map to begin in.
     """
 
     mapper: HierarchicalMapper
@@ -75,6 +76,7 @@ class MapRun:
     worst: WorstPairs = field(default_factory=WorstPairs)
     witness: OdometryWitness = field(init=False)
     places: list[Place] = field(default_factory=list)
+    earlier_places: list[dict[str, Any]] = field(default_factory=list)
     partial: bool = False
 
     def __post_init__(self) -> None:

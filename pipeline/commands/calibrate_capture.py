@@ -72,8 +72,8 @@ def capture(
     from pipeline.board_capture import BoardCapture
     from pipeline.commands.calibrate_cameras import REDO_CODE
     from pipeline.commands.capture_bars import CaptureBars
-    from pipeline.commands.live_screen import until_interrupted
     from pipeline.pair_taking import take_pairs
+    from pipeline.signals import until_interrupted
     from stereo.camera_settings import camera_settings
 
     check_web(web, host, port)
@@ -143,7 +143,7 @@ def _calibrate(
     """The pairs, into the rig file; its devices and encoders stay."""
     from pipeline.calibration_report.files import PAGE
     from pipeline.commands.calibrate_cameras import calibrate_pairs, report_beside
-    from pipeline.commands.live_screen import until_interrupted
+    from pipeline.signals import until_interrupted
     from pipeline.web.capture_state import Solved
 
     report = report_beside(rig_file)

@@ -23,6 +23,7 @@ from pipeline.errors import InputError
 from pipeline.live.devices import LiveRig
 from pipeline.live.recorder import Recorder
 from pipeline.live.recording_files import RecordingFiles
+from pipeline.output_lock import make_folder, unmake
 from stereo.camera import CapturedPair
 from stereo.stereo_camera import StereoCamera
 
@@ -110,32 +111,31 @@ def capture(
         CameraError, OdometryError: a device cannot be opened; InputError: the folder cannot be
         written. Nothing is left behind then.
     """
-    made = not folder.exists()
     wheels = None if rig.parameters is None else encoder_sheet(rig.parameters)
+    stereo = rig.cameras.stereo is not None
+    made: list[Path] = []
+    encoders = tap = files = None
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        stereo = rig.cameras.stereo is not None
+        made = make_folder(folder)
         files = RecordingFiles(folder, rig.source, rig.cameras.fps, stereo, wheels)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written ({error.strerror})") from None
-    recorder = Recorder(files, tell)
-    camera = StereoCamera(rig.cameras)
-    tap = encoders = None
-    try:
+        recorder = Recorder(files, tell)
+        camera = StereoCamera(rig.cameras)
         if rig.device is not None and rig.parameters is not None:
             encoders = open_encoders(rig.device, rig.parameters, settings, files.serial_log)
             recorded, tap = encoders.taps(2)
             recorder.listen(recorded)
             encoders.wait_ready(READY_S)
         camera.connect()
-    except BaseException:
+    except BaseException as error:
         if encoders is not None:
             encoders.close()
-        files.close()
-        for entry in folder.iterdir():
+        if files is not None:
+            files.close()
+        for entry in folder.iterdir() if folder.is_dir() else ():
             shutil.rmtree(entry) if entry.is_dir() else entry.unlink()
-        if made:
-            folder.rmdir()
+        unmake(made)
+        if isinstance(error, OSError):
+            raise InputError(f"{folder}: cannot be written ({error.strerror})") from None
         raise
     session = Session(camera, encoders, recorder, tap, tell)
     with ExitStack() as stack:
