@@ -12,6 +12,7 @@ from benchmarks import (
     end_to_end,
     live,
     logs,
+    memory,
     serial_faults,
     simulated,
     stereo_columns,
@@ -42,7 +43,7 @@ stereo = (
     stereo_end_to_end,
 )
 encoders = (serial_faults, wheel_calibration, live, web, batch)
-sections = (end_to_end, accuracy, *stereo, visual, logs, calibration, *encoders, simulated)
+sections = (end_to_end, accuracy, *stereo, visual, logs, memory, calibration, *encoders, simulated)
 page = "\n\n".join([TITLE, *(section.main() for section in sections)]) + "\n"
 print(page)
 Path(sys.argv[1]).write_text(page, encoding="utf-8")

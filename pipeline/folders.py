@@ -122,7 +122,7 @@ def check_target(target: Path, force: bool, kind: Kind = RESULT) -> None:
         raise InputError(f"{target}: cannot be used ({error.strerror})") from None
     if content and not force:
         raise InputError(f"{target}: already exists: give --force to replace it")
-    if content and not kind.made(target):
+    if content and not kind.made(target) and _any_file(target):
         raise InputError(
             f"{target}: holds other things than {kind.what}: choose another name, or empty it"
         )
@@ -173,6 +173,11 @@ def remove_result(folder: Path) -> None:
         (folder / name).unlink(missing_ok=True)
     if not any(folder.iterdir()):
         folder.rmdir()
+
+
+def _any_file(folder: Path) -> bool:
+    """Whether there is anything in a folder but folders."""
+    return any(place.is_symlink() or not place.is_dir() for place in folder.rglob("*"))
 
 
 def _foreign(target: Path, kind: Kind) -> Path | None:

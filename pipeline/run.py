@@ -9,8 +9,6 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
-import numpy as np
-
 from calibration.rig import StereoRig
 from mapping.gate import ObservationGate
 from mapping.known_map import KnownMap
@@ -23,6 +21,7 @@ from pipeline.frontend import UNREADABLE, Observation, ahead, observe
 from pipeline.health.finding import Finding
 from pipeline.health.image_findings import REMEDIES
 from pipeline.image_check import check_images
+from pipeline.key_frames import KeyFrame, KeyFrames
 from pipeline.motion_told import told
 from pipeline.places import Place
 from pipeline.recordings.base import Pair, Recording
@@ -45,15 +44,6 @@ Interrupted = Callable[[], bool]
 
 
 @dataclass
-class KeyFrame:
-    """Points (n, 3) on the robot [m] with colours (n, 3), seen at pair number `index`."""
-
-    index: int
-    points: np.ndarray
-    colours: np.ndarray
-
-
-@dataclass
 class MapRun:
     """All that a run found out; `pipeline.results` writes it down.
 
@@ -66,7 +56,7 @@ class MapRun:
 
     mapper: HierarchicalMapper
     unit: str = "pairs"
-    key_frames: list[KeyFrame] | None = field(default_factory=list)
+    key_frames: KeyFrames | None = field(default_factory=KeyFrames)
     counts: Counter[str] = field(default_factory=Counter)
     skipped: dict[str, list[str]] = field(default_factory=dict)
     brightness: list[float] = field(default_factory=list)

@@ -66,11 +66,11 @@ class Session:
         """Record what has come and take no more pairs; the devices stay open until `capture` ends:
         a driver that hangs or crashes when it is closed must not cost what is still to be saved.
         """
-        self.camera.end()
         self._stop.set()
         if self._thread.is_alive():
             self._thread.join()
             self.recorder.drain()
+        self.camera.end()
 
     def note(self, text: str, stamp: int | None = None) -> None:
         """Write something into the log of the recording, and tell it."""
@@ -89,16 +89,20 @@ class Session:
         }
 
     def _run(self) -> None:
-        pair = None
-        while pair is not None or not self._stop.is_set():
-            pair = self.camera.read(POLL_S)
-            if pair is not None and self.recorder.add(pair):
-                for sink in self.sinks:
-                    sink(pair)
-            for stamp, text in self.camera.events():
-                self.note(text, stamp)
-            for text in self.encoders.events() if self.encoders else ():
-                self.note(text)
+        while not self._stop.is_set():
+            self._take(self.camera.read(POLL_S))
+        self.camera.end()
+        while (pair := self.camera.read(0.0)) is not None:
+            self._take(pair)
+
+    def _take(self, pair: CapturedPair | None) -> None:
+        if pair is not None and self.recorder.add(pair):
+            for sink in self.sinks:
+                sink(pair)
+        for stamp, text in self.camera.events():
+            self.note(text, stamp)
+        for text in self.encoders.events() if self.encoders else ():
+            self.note(text)
 
 
 @contextmanager
