@@ -17,6 +17,7 @@ import json
 import os
 import struct
 import zlib
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple, Protocol
 
@@ -114,8 +115,14 @@ class Checkpoint:
         except OSError as error:
             raise InputError(f"{path}: cannot be written ({error.strerror})") from None
         head = {"beemap_checkpoint": VERSION, **asked}
-        file.write(json.dumps(head).encode("ascii") + b"\n")
-        file.flush()
+        try:
+            file.write(json.dumps(head).encode("ascii") + b"\n")
+            file.flush()
+        except OSError as error:
+            with suppress(OSError):
+                file.close()
+            path.unlink(missing_ok=True)
+            raise InputError(f"{path}: cannot be written ({error.strerror})") from None
         return Checkpoint(path, asked, [], file)
 
     @staticmethod

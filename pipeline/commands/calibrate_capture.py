@@ -72,6 +72,7 @@ def capture(
     from pipeline.board_capture import BoardCapture
     from pipeline.commands.calibrate_cameras import REDO_CODE
     from pipeline.commands.capture_bars import CaptureBars
+    from pipeline.output_lock import locked
     from pipeline.pair_taking import take_pairs
     from pipeline.signals import until_interrupted
     from stereo.camera_settings import camera_settings
@@ -86,7 +87,7 @@ def capture(
     taking = BoardCapture(board)
     with _shown(web, host, port, board, rig_file, output) as page:
         watchers = [watcher for watcher in (page, None if quiet else CaptureBars()) if watcher]
-        with until_interrupted() as stop:
+        with locked(output), until_interrupted() as stop:
             if page is not None:
                 page.button = stop
             take_pairs(cameras, taking, output, pairs or MOST_PAIRS, stop, watchers)

@@ -17,6 +17,7 @@ from pipeline.ros.types import CAMERA_INFO, typestore
 ENDINGS = (".mcap", ".bag")
 # The metadata that every distribution since Humble reads.
 METADATA = 8
+MARK_REACH = 1 << 16  # bytes from the end of an MCAP file in which its metadata are
 
 
 class BagWriter:
@@ -105,11 +106,23 @@ def check_bag(target: Path, force: bool) -> None:
         check_target(target, force, _kind(target))
     elif target.suffix in ENDINGS:
         check_free([target], force)
+        if target.suffix == ".mcap" and target.exists() and not _marked(target):
+            raise InputError(
+                f"{target}: is not a bag that beemap wrote: recordings are never replaced: choose "
+                "another name"
+            )
     else:
         raise InputError(
             f"{target}: give a name that ends in .mcap or in .bag, or one without an ending for "
             "the folder of a ROS 2 bag (sqlite3)"
         )
+
+
+def _marked(file: Path) -> bool:
+    """Whether an MCAP file carries our mark, which stands near its end."""
+    with file.open("rb") as opened:
+        opened.seek(max(0, file.stat().st_size - MARK_REACH))
+        return b"beemap" in opened.read()
 
 
 def _kind(target: Path) -> Kind:
