@@ -39,7 +39,11 @@ class Detection:
 def detect(image: np.ndarray, board: Board) -> Detection:
     """What an image uint8 (H, W) shows of the board."""
     size = (image.shape[1], image.shape[0])
-    sighting = find_board(image, board)
+    try:
+        sighting = _find_board(image, board)
+    except cv2.error as error:
+        # One image is no reason to lose the others: it is left out, counted and named.
+        return Detection(size, None, None, f"nothing that OpenCV can search ({error.err})")
     if sighting is None:
         return Detection(size, None, None, f"no {'' if board.coded else 'whole '}board")
     if board.coded and not _enough(sighting, board):
@@ -53,7 +57,15 @@ def detect(image: np.ndarray, board: Board) -> Detection:
 
 
 def find_board(image: np.ndarray, board: Board) -> Sighting | None:
-    """The board's corners in an image uint8 (H, W), however few; None when there is none."""
+    """The board's corners in an image uint8 (H, W), however few; None when there is none, or
+    OpenCV fails on the image."""
+    try:
+        return _find_board(image, board)
+    except cv2.error:
+        return None
+
+
+def _find_board(image: np.ndarray, board: Board) -> Sighting | None:
     if min(image.shape) < SMALLEST_SIDE:
         return None
     found = _search_smaller(image, board) or _search(image, board)

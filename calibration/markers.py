@@ -53,7 +53,14 @@ def find_markers(image: np.ndarray, dictionary: str, border: int = 1) -> Markers
     settings.perspectiveRemoveIgnoredMarginPerCell = 0.25
     # Lines along the sides: where other black shapes touch a corner, the outline cuts it off.
     settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_CONTOUR
-    corners, ids, _ = cv2.aruco.ArucoDetector(predefined(dictionary), settings).detectMarkers(image)
+    known = predefined(dictionary)
+    try:
+        corners, ids, _ = cv2.aruco.ArucoDetector(known, settings).detectMarkers(image)
+    except cv2.error:
+        # That refinement fails on some outlines ("nContours.size() >= 2"), and takes all the
+        # markers of the image with it; without it they are found, their corners less exactly.
+        settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_NONE
+        corners, ids, _ = cv2.aruco.ArucoDetector(known, settings).detectMarkers(image)
     if ids is None or not len(ids):
         return Markers(np.empty(0, int), np.empty((0, 4, 2)))
     numbers, first, count = np.unique(ids.ravel(), return_index=True, return_counts=True)

@@ -1,9 +1,10 @@
-"""Point clouds of a map and of what the cameras saw, written by Open3D."""
+"""Point clouds of a map and of what the cameras saw, as PLY files."""
 
 from __future__ import annotations
 
 import platform
 import sys
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,11 @@ from mapping.grid import OCCUPIED, UNKNOWN, OccupancyGrid
 
 # Points closer together than this are merged: SGBM gives no finer detail at these ranges [m].
 VOXEL = 0.03
+
+ROWS = 256  # of a map, that become points at a time
+VERTEX = np.dtype(
+    [("x", "<f8"), ("y", "<f8"), ("z", "<f8"), ("red", "u1"), ("green", "u1"), ("blue", "u1")]
+)
 
 SYSTEM_LIBRARIES = "libgl1 libegl1 libx11-6 libusb-1.0-0 libudev1 libidn2-0"
 GLIBC = "2.35"  # the oldest that the wheels of Open3D 0.20 load on
@@ -59,40 +65,46 @@ def _not_loaded(error: Exception) -> str:
     )
 
 
-def map_points(grid: OccupancyGrid) -> tuple[np.ndarray, np.ndarray]:
-    """Known cells as points (n, 3) at z = 0 [m] and colours (n, 3): black = wall, white = free."""
+def map_points(grid: OccupancyGrid) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Known cells as points (n, 3) at z = 0 [m] and colours (n, 3): black = wall, white = free;
+    some rows of the map at a time."""
     classes = grid.classes
-    rows, columns = np.nonzero(classes != UNKNOWN)
-    x = grid.origin[0] + (columns + 0.5) * grid.cell
-    y = grid.origin[1] + (rows + 0.5) * grid.cell
-    grey = np.where(classes[rows, columns] == OCCUPIED, 0.0, 1.0)
-    return np.stack([x, y, np.zeros_like(x)], axis=1), np.repeat(grey[:, None], 3, axis=1)
+    for first in range(0, len(classes), ROWS):
+        part = classes[first : first + ROWS]
+        rows, columns = np.nonzero(part != UNKNOWN)
+        x = grid.origin[0] + (columns + 0.5) * grid.cell
+        y = grid.origin[1] + (first + rows + 0.5) * grid.cell
+        grey = np.where(part[rows, columns] == OCCUPIED, 0.0, 1.0)
+        yield np.stack([x, y, np.zeros_like(x)], axis=1), np.repeat(grey[:, None], 3, axis=1)
 
 
-def write_ply(path: Path, points: np.ndarray, colours: np.ndarray, voxel: float = 0.0) -> int:
-    """Write points (n, 3) [m] with colours (n, 3) in 0..1 as binary PLY; the number written.
+def write_ply(path: Path, parts: Iterable[tuple[np.ndarray, np.ndarray]]) -> int:
+    """Write parts of points (n, 3) [m] with colours (n, 3) in 0..1 as one binary PLY, as they
+    come; the number of points written.
 
-    voxel: merge points within cubes of this side [m]; 0 keeps all.
     Raises OSError when the file cannot be written.
     """
-    o3d = import_open3d()
-    cloud = o3d.geometry.PointCloud(
-        o3d.utility.Vector3dVector(np.ascontiguousarray(points, np.float64)),
-    )
-    cloud.colors = o3d.utility.Vector3dVector(np.ascontiguousarray(colours, np.float64))
-    if voxel > 0.0 and len(points):
-        cloud = cloud.voxel_down_sample(voxel)
-    # Open3D refuses to write an empty cloud; an empty PLY is a header alone.
-    if not len(cloud.points):
-        path.write_text(_EMPTY_PLY, encoding="ascii")
-        return 0
-    if not o3d.io.write_point_cloud(path, cloud):
-        raise OSError(None, "Open3D could not write the file", str(path))
-    return len(cloud.points)
+    count = 0
+    with path.open("wb") as file:
+        file.write(_header(0))
+        for points, colours in parts:
+            vertices = np.empty(len(points), VERTEX)
+            for axis, name in enumerate("xyz"):
+                vertices[name] = points[:, axis]
+            for channel, name in enumerate(("red", "green", "blue")):
+                vertices[name] = np.clip(np.rint(255.0 * colours[:, channel]), 0, 255)
+            file.write(vertices.tobytes())
+            count += len(vertices)
+        file.seek(0)
+        file.write(_header(count))
+    return count
 
 
-_EMPTY_PLY = (
-    "ply\nformat binary_little_endian 1.0\nelement vertex 0\n"
-    "property double x\nproperty double y\nproperty double z\n"
-    "property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n"
-)
+def _header(count: int) -> bytes:
+    """As long for any count: it is written twice."""
+    return (
+        f"ply\nformat binary_little_endian 1.0\ncomment {'':.<{20 - len(str(count))}}\n"
+        f"element vertex {count}\n"
+        "property double x\nproperty double y\nproperty double z\n"
+        "property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n"
+    ).encode("ascii")

@@ -50,6 +50,7 @@ class BoardCapture:
 
     def __init__(self, board: Board) -> None:
         self.views = BoardViews(board)
+        self.damaged = 0  # pairs that could not be decoded
         self._before: Sighting | None = None
 
     @property

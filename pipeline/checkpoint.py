@@ -14,10 +14,12 @@ that nothing is synced to the disk.
 from __future__ import annotations
 
 import json
+import os
 import struct
 import zlib
+from contextlib import suppress
 from pathlib import Path
-from typing import Any, BinaryIO, Protocol
+from typing import Any, BinaryIO, NamedTuple, Protocol
 
 import msgspec
 import numpy as np
@@ -75,10 +77,12 @@ class Checkpoint:
     start: begins a new one. resume: opens one, with what it was asked for in `asked`.
     """
 
-    def __init__(self, path: Path, asked: dict[str, Any], known: list[_Record], file: BinaryIO):
+    def __init__(self, path: Path, asked: dict[str, Any], known: list[_Place], file: BinaryIO):
         self.path = path
         self.asked = asked
-        self._known = {record.stamp: record for record in known}
+        # Records stay on the disk: those of a long run do not fit into a small machine's memory.
+        self._known = {place.stamp: place for place in known}
+        self._reader = path.open("rb") if known else None
         self._file: BinaryIO | None = file
         self._bearing = known[-1].bearing if known else None
         self._empty = not known
@@ -92,6 +96,8 @@ class Checkpoint:
             self.discard()
         else:
             self.close()
+        if self._reader is not None:
+            self._reader.close()
 
     def __len__(self) -> int:
         return len(self._known)
@@ -109,8 +115,14 @@ class Checkpoint:
         except OSError as error:
             raise InputError(f"{path}: cannot be written ({error.strerror})") from None
         head = {"beemap_checkpoint": VERSION, **asked}
-        file.write(json.dumps(head).encode("ascii") + b"\n")
-        file.flush()
+        try:
+            file.write(json.dumps(head).encode("ascii") + b"\n")
+            file.flush()
+        except OSError as error:
+            with suppress(OSError):
+                file.close()
+            path.unlink(missing_ok=True)
+            raise InputError(f"{path}: cannot be written ({error.strerror})") from None
         return Checkpoint(path, asked, [], file)
 
     @staticmethod
@@ -134,14 +146,19 @@ class Checkpoint:
         if version != VERSION:
             file.close()
             raise InputError(f"{path}: not a checkpoint of this version: map afresh") from None
-        records = _records(file)
+        places = _places(file)
         file.truncate()
-        return Checkpoint(path, asked, records, file)
+        return Checkpoint(path, asked, places, file)
 
     def get(self, stamp: int) -> Observation | None:
         """What the log holds of the pair."""
-        record = self._known.get(stamp)
-        return None if record is None else _observation(record)
+        place = self._known.get(stamp)
+        if place is None or self._reader is None:
+            return None
+        payload = os.pread(self._reader.fileno(), place.length, place.offset)
+        record = msgspec.msgpack.decode(payload, type=_Record)
+        record.bearing = record.bearing or place.bearing
+        return _observation(record)
 
     def add(self, stamp: int, seen: Observation) -> None:
         """Append an observation that is not in the log; a full disk ends the log, not the run."""
@@ -172,9 +189,18 @@ class Checkpoint:
         self.path.unlink(missing_ok=True)
 
 
-def _records(file: BinaryIO) -> list[_Record]:
-    """All whole records; the file stands behind the last of them."""
-    records: list[_Record] = []
+class _Place(NamedTuple):
+    """Where the payload of a record lies in the file; bearing: as of `_Record`, shared."""
+
+    stamp: int
+    offset: int
+    length: int
+    bearing: bytes | None
+
+
+def _places(file: BinaryIO) -> list[_Place]:
+    """Of all whole records; the file stands behind the last of them."""
+    places: list[_Place] = []
     bearing = None
     while True:
         place = file.tell()
@@ -183,10 +209,10 @@ def _records(file: BinaryIO) -> list[_Record]:
         payload = file.read(length) if length else b""
         if not payload or len(payload) < length or zlib.crc32(payload) != crc:
             file.seek(place)
-            return records
+            return places
         record = msgspec.msgpack.decode(payload, type=_Record)
-        bearing = record.bearing = record.bearing or bearing
-        records.append(record)
+        bearing = record.bearing or bearing
+        places.append(_Place(record.stamp, place + _FRAME.size, length, bearing))
 
 
 def _as_record(stamp: int, seen: Observation) -> _Record:

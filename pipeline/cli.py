@@ -8,6 +8,7 @@ import click
 
 from pipeline.commands.lazy import LazyGroup
 from pipeline.errors import for_user, one_line
+from pipeline.signals import interrupting, lasting_output
 
 # name -> (module:function in pipeline.commands, what it does).
 COMMANDS = {
@@ -49,8 +50,15 @@ def cli() -> None:
 
 def main() -> None:
     """Entry point of `beemap`: user errors are one line on stderr and exit code 2."""
+    with lasting_output():
+        code = _run()
+    sys.exit(code or 0)
+
+
+def _run() -> int | None:
     try:
-        code = cli.main(prog_name="beemap", standalone_mode=False)
+        with interrupting():
+            code = cli.main(prog_name="beemap", standalone_mode=False)
     except click.exceptions.NoArgsIsHelpError as error:
         error.show()
         code = error.exit_code
@@ -68,7 +76,7 @@ def main() -> None:
             raise
         click.echo(f"beemap: {message}", err=True)
         code = 2
-    sys.exit(code or 0)
+    return code
 
 
 if __name__ == "__main__":

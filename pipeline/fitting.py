@@ -117,7 +117,7 @@ def travel_between_pairs(
     recording: Recording, rig: StereoRig, motion: str | None, settings: Settings, seed: int
 ) -> float | None:
     """How far the robot goes from pair to pair when it drives [m]; None: nothing tells."""
-    choice = motion or usual_motion(recording)[0]
+    choice = motion or usual_motion(recording, rig, settings.odometry)[0]
     if choice in LOOKING and (recording.ticks is not None or recording.odometry is not None):
         choice = "odometry" if recording.ticks is None else "encoders"
     pairs = recording.pairs

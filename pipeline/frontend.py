@@ -9,8 +9,10 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TypeVar
 
+import cv2
 import numpy as np
 
+from pipeline.errors import one_line
 from pipeline.recordings.base import DamagedFrameError, Pair
 from stereo.errors import StereoError
 from stereo.pair import StereoPair
@@ -19,6 +21,9 @@ from stereo.ranger import StereoFrame, StereoRanger
 from stereo.scan import RangeScan
 
 UNREADABLE = "unreadable pair"
+# What one image may do to whoever looks at it: it is left out, counted and named, and the others
+# go on. OpenCV throws on some images that are whole.
+IMAGE_ERRORS = (DamagedFrameError, StereoError, cv2.error)
 
 T = TypeVar("T")
 U = TypeVar("U")
@@ -59,10 +64,10 @@ def observe(files: Pair, ranger: StereoRanger, key_frame: bool, keep: bool = Fal
             name = files.where(right=check.defect == RIGHT_COVERED)
             return Observation(None, check.defect, name, seconds_reading=read - start)
         frame = ranger.frame(pair)
-    except (DamagedFrameError, StereoError) as error:
+        points, colours = ranger.points(frame, pair.left) if key_frame else (None, None)
+    except IMAGE_ERRORS as error:
         taken = time.perf_counter() - start
-        return Observation(None, UNREADABLE, str(error), seconds_reading=taken)
-    points, colours = ranger.points(frame, pair.left) if key_frame else (None, None)
+        return Observation(None, UNREADABLE, damage_of(files, error), seconds_reading=taken)
     return Observation(
         frame.scan,
         brightness=check.brightness,
@@ -73,6 +78,12 @@ def observe(files: Pair, ranger: StereoRanger, key_frame: bool, keep: bool = Fal
         seconds_reading=read - start,
         seconds_stereo=time.perf_counter() - read,
     )
+
+
+def damage_of(files: Pair, error: Exception) -> str:
+    """What is wrong with a pair, in one line; OpenCV's errors name no file."""
+    text = one_line(str(error))
+    return f"{files.where(right=False)}: {text}" if isinstance(error, cv2.error) else text
 
 
 def ahead(items: Iterable[T], work: Callable[[T], U], threads: int) -> Iterator[tuple[T, U]]:

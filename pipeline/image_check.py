@@ -6,8 +6,8 @@ import numpy as np
 
 from calibration.rig import StereoRig
 from pipeline.errors import InputError
-from pipeline.recordings.base import DamagedFrameError, Recording, image_size
-from stereo.errors import StereoError
+from pipeline.frontend import IMAGE_ERRORS
+from pipeline.recordings.base import Recording, image_size
 from stereo.pair_check import check_pair
 from stereo.ranger import StereoRanger
 
@@ -33,7 +33,7 @@ def check_images(recording: Recording, rig: StereoRig, ranger: StereoRanger) -> 
             # Pairs that are no stereo at all tell nothing; they are counted in their turn, too.
             if not check_pair(pair.left, pair.right).defect:
                 looks.append(ranger.looks_swapped(pair))
-        except (DamagedFrameError, StereoError):
+        except IMAGE_ERRORS:
             continue  # damaged pairs are counted when their turn comes
     if looks and sum(looks) * 2 > len(looks):
         raise InputError(

@@ -54,7 +54,7 @@ def write_map_server(folder: str | Path, grid: OccupancyGrid, stem: str = "map")
     """Write `<stem>.pgm` and `<stem>.yaml` for ROS map_server (mode trinary)."""
     folder = Path(folder)
     classes = grid.classes
-    grey = np.full(classes.shape, UNKNOWN_GREY, np.uint8)
+    grey = np.full_like(classes, UNKNOWN_GREY, dtype=np.uint8)
     grey[classes == OCCUPIED] = OCCUPIED_GREY
     grey[classes == FREE] = FREE_GREY
     header = f"P5\n{grey.shape[1]} {grey.shape[0]}\n255\n".encode("ascii")

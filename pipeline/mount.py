@@ -18,7 +18,7 @@ from calibration.mount import FloorMount, mount_from_floor
 from calibration.rig import Mount, StereoRig
 from odometry.settings import OdometrySettings
 from pipeline.errors import InputError
-from pipeline.frontend import ahead
+from pipeline.frontend import ahead, damage_of
 from pipeline.motion import choose_motion
 from pipeline.mount_steps import Steps, camera_steps, skip_unfit
 from pipeline.recordings.base import DamagedFrameError, RecordedPair, Recording
@@ -95,9 +95,11 @@ def _look_at_floor(
         try:
             pair = files.load()
             left, right = rectify(scale(pair.left), scale(pair.right))
+            return FloorFrame(left, right, match(left, right).astype(np.float32) / SUBPIXEL)
         except (DamagedFrameError, StereoError) as error:
             return error
-        return FloorFrame(left, right, match(left, right).astype(np.float32) / SUBPIXEL)
+        except cv2.error as error:
+            return DamagedFrameError(damage_of(files, error))
 
     files = spread(recording.pairs, frames)
     found: list[FloorFrame] = []

@@ -7,11 +7,12 @@ import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from odometry.motion import Motion
 from odometry.source import MotionSource
-from pipeline.frontend import ahead
+from pipeline.frontend import ahead, damage_of
 from pipeline.recordings.base import DamagedFrameError, RecordedPair, Recording
 from stereo.disparity import SUBPIXEL, DisparityMatcher
 from stereo.errors import StereoError
@@ -94,10 +95,12 @@ def looked_at(
         try:
             loaded = pair.load()
             left, right = rectify(scale(loaded.left), scale(loaded.right))
+            disparity = match(left, right).astype(np.float32) / SUBPIXEL
+            return find_features(left, disparity, rectify.camera)
         except (DamagedFrameError, StereoError) as error:
             return error
-        disparity = match(left, right).astype(np.float32) / SUBPIXEL
-        return find_features(left, disparity, rectify.camera)
+        except cv2.error as error:
+            return DamagedFrameError(damage_of(pair, error))
 
     for pair, found in ahead(pairs, features, os.cpu_count() or 1):
         if not isinstance(found, Features):

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from pipeline.errors import InputError
+from pipeline.output_lock import make_folder, unmake
 
 
 @contextmanager
@@ -24,9 +25,11 @@ def new_files(targets: Sequence[Path], force: bool = False) -> Iterator[Path]:
     """
     check_free(targets, force)
     place = targets[0].parent
+    made: list[Path] = []
     partial = place / f".{targets[0].name}.part-{os.getpid()}"
     try:
-        partial.mkdir(parents=True)
+        made = make_folder(place)
+        partial.mkdir()
         yield partial
         for target in reversed(targets):
             os.replace(partial / target.name, target)
@@ -36,6 +39,7 @@ def new_files(targets: Sequence[Path], force: bool = False) -> Iterator[Path]:
         ) from None
     finally:
         shutil.rmtree(partial, ignore_errors=True)
+        unmake(made)
 
 
 def check_free(targets: Sequence[Path], force: bool) -> None:

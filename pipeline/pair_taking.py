@@ -63,7 +63,8 @@ def take_pairs(
             try:
                 look = capture.look(pair.load())
             except StereoError:
-                continue  # a damaged image
+                capture.damaged += 1
+                continue
             if look.kept:
                 _write(output, len(capture.kept), pair)
             for watcher in watchers:

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import csv
-import errno
 import io
 import json
-import os
 import platform
 import resource
-import shutil
 import sys
 from importlib.metadata import version
 from pathlib import Path
@@ -18,14 +15,13 @@ from typing import Any
 import cv2
 import numpy as np
 
-from mapping.clouds import VOXEL, Open3DMissingError, import_open3d, map_points, write_ply
+from mapping.clouds import map_points, write_ply
 from mapping.grid import FREE, OCCUPIED, OccupancyGrid
-from odometry.motion import compose
 from pipeline.health.run_health import RunHealth
 from pipeline.map_files import write_map_server, write_npz
 from pipeline.picture import draw_map
-from pipeline.places import located, write_places
-from pipeline.run import KeyFrame, MapRun
+from pipeline.places import run_places, write_places
+from pipeline.run import MapRun
 from pipeline.run_report.origin import Origin
 from pipeline.settings import Settings, as_yaml
 from pipeline.trajectory import Trajectory, distance_travelled, write_tum
@@ -39,8 +35,6 @@ VERSIONS_OF = (
     "msgspec",
 )
 
-
-POINT_BYTES = 27  # of a point in a PLY file: three doubles and a colour
 
 HEALTH_COLUMNS = (
     "stamp_ns",
@@ -79,16 +73,18 @@ def write_results(
     write_tum(folder / "odometry.tum", Trajectory(stamps, np.array(mapper.odometry).reshape(-1, 3)))
     if truth is not None:
         write_tum(folder / "truth.tum", truth)
-    places = located(run.places, mapper.stamps, path)
+    places = run_places(run, path)
     write_places(folder, places)
     _write_picture(folder / "map.png", run, grid, path, places)
-    no_clouds = _write_clouds(folder, run, grid, path)
+    write_ply(folder / "map.ply", map_points(grid))
+    if run.key_frames is not None:
+        write_ply(folder / "cloud.ply", run.key_frames.merged(path))
+        if lost := run.key_frames.lost:
+            run.counts["key frames that found no room on the disk"] = lost
     (folder / "health.csv").write_text(_health(run), encoding="ascii")
     (folder / "settings.yaml").write_text(as_yaml(settings), encoding="utf-8")
     health = RunHealth.of(run, path, facts)
     summary = _summary(run, grid, path, facts, health)
-    if no_clouds:
-        summary["health"].append(no_clouds)
     origin = origin or Origin.unknown(folder)
     if untold := _report(folder, run, settings, grid, path, health, summary, origin):
         summary["health"].append(untold)
@@ -124,36 +120,6 @@ def _write_picture(
     encoded, data = cv2.imencode(".png", picture)
     assert encoded
     file.write_bytes(data.tobytes())
-
-
-def _write_clouds(folder: Path, run: MapRun, grid: OccupancyGrid, path: np.ndarray) -> str:
-    """Write map.ply and, of a recording, cloud.ply; why there are none, where Open3D is missing."""
-    try:
-        import_open3d()
-    except Open3DMissingError as error:
-        return f"no cloud.ply, map.ply: {error}"
-    _write_cloud(folder / "map.ply", *map_points(grid))
-    if run.key_frames is not None:
-        _write_cloud(folder / "cloud.ply", *_world_points(run.key_frames, path), voxel=VOXEL)
-    return ""
-
-
-def _write_cloud(file: Path, points: np.ndarray, colours: np.ndarray, voxel: float = 0.0) -> None:
-    # Open3D's writer fills stderr with its own complaints on a full disk: look before.
-    if shutil.disk_usage(file.parent).free < POINT_BYTES * len(points):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(file))
-    write_ply(file, points, colours, voxel)
-
-
-def _world_points(key_frames: list[KeyFrame], path: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """All key frames' points placed along the best path, with colours in 0..1."""
-    points, colours = [np.empty((0, 3))], [np.empty((0, 3))]
-    for frame in key_frames:
-        planar = np.column_stack([frame.points[:, :2], np.zeros(len(frame.points))])
-        xy = compose(path[frame.index], planar)[:, :2]
-        points.append(np.column_stack([xy, frame.points[:, 2]]))
-        colours.append(frame.colours / 255.0)
-    return np.concatenate(points), np.concatenate(colours)
 
 
 def _health(run: MapRun) -> str:

@@ -6,11 +6,12 @@ import os
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from calibration.rig import StereoRig
 from pipeline.errors import InputError
-from pipeline.frontend import ahead
+from pipeline.frontend import IMAGE_ERRORS, ahead, damage_of
 from pipeline.recordings.base import DamagedFrameError, RecordedPair, Recording
 from pipeline.whole_images import spread, whole_rectifier
 from stereo.errors import StereoError
@@ -61,6 +62,8 @@ def check_rig(rig: StereoRig, recording: Recording, pairs: int, progress: Progre
             return match_points(*rectify(loaded.left, loaded.right))
         except (DamagedFrameError, StereoError) as error:
             return error
+        except cv2.error as error:
+            return DamagedFrameError(damage_of(pair, error))
 
     for done, (_, matches) in enumerate(ahead(files, look, os.cpu_count() or 1), start=1):
         progress(done, len(files))
@@ -95,7 +98,7 @@ def _refuse_exchanged(
         try:
             loaded = pair.load()
             matches += len(match_points(*rectify(loaded.right, loaded.left)).left)
-        except (DamagedFrameError, StereoError):
+        except IMAGE_ERRORS:
             continue
     if matches > max(len(disparity), LEAST_MATCHES):
         raise InputError(

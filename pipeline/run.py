@@ -7,9 +7,7 @@ import time
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import TypeVar
-
-import numpy as np
+from typing import Any, TypeVar
 
 from calibration.rig import StereoRig
 from mapping.gate import ObservationGate
@@ -23,6 +21,7 @@ from pipeline.frontend import UNREADABLE, Observation, ahead, observe
 from pipeline.health.finding import Finding
 from pipeline.health.image_findings import REMEDIES
 from pipeline.image_check import check_images
+from pipeline.key_frames import KeyFrame, KeyFrames
 from pipeline.motion_told import told
 from pipeline.places import Place
 from pipeline.recordings.base import Pair, Recording
@@ -45,27 +44,19 @@ Interrupted = Callable[[], bool]
 
 
 @dataclass
-class KeyFrame:
-    """Points (n, 3) on the robot [m] with colours (n, 3), seen at pair number `index`."""
-
-    index: int
-    points: np.ndarray
-    colours: np.ndarray
-
-
-@dataclass
 class MapRun:
     """All that a run found out; `pipeline.results` writes it down.
 
     unit: what the input consists of; key_frames: None where there are no images; brightness: of
     each observation, the left image over the right one; told: what the motion's source has to say;
     ends: the numbers of the poses at which local maps closed; worst: the pairs to look at;
-    witness: of odometry's errors; places: marked by somebody who watched.
+    witness: of odometry's errors; places: marked by somebody who watched; earlier_places: of an
+    earlier run into the same folder, and of the map to begin in.
     """
 
     mapper: HierarchicalMapper
     unit: str = "pairs"
-    key_frames: list[KeyFrame] | None = field(default_factory=list)
+    key_frames: KeyFrames | None = field(default_factory=KeyFrames)
     counts: Counter[str] = field(default_factory=Counter)
     skipped: dict[str, list[str]] = field(default_factory=dict)
     brightness: list[float] = field(default_factory=list)
@@ -75,6 +66,7 @@ class MapRun:
     worst: WorstPairs = field(default_factory=WorstPairs)
     witness: OdometryWitness = field(init=False)
     places: list[Place] = field(default_factory=list)
+    earlier_places: list[dict[str, Any]] = field(default_factory=list)
     partial: bool = False
 
     def __post_init__(self) -> None:

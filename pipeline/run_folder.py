@@ -99,7 +99,9 @@ class RunFolder:
                 )
                 return None
             asked = MapRequest(str(recording), seed=int(self.facts.get("seed", 1)))
-        inside = self.path / RECORDING
+        inside = self.path / Path(asked.input).name
+        if not inside.is_dir():
+            inside = self.path / RECORDING
         if recording is None and not Path(asked.input).exists() and inside.is_dir():
             recording = inside
         text = (self.path / "settings.yaml").read_text(encoding="utf-8")

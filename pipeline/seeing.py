@@ -9,13 +9,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
+import cv2
+
 from odometry.motion import Motion
 from odometry.source import MotionSource
-from pipeline.frontend import ahead
+from pipeline.frontend import IMAGE_ERRORS, ahead, damage_of
 from pipeline.fused_motion import FusedMotion
 from pipeline.recordings.base import DamagedFrameError, Pair
 from pipeline.visual_motion import VisualMotion
-from stereo.errors import StereoError
 from stereo.pair import StereoPair
 from stereo.tracking import Pyramids
 
@@ -61,7 +62,12 @@ def moved(
             yield pair, motion.until(pair.stamp)
         return
     for _, (loaded, pyramids) in ahead(pairs, lambda pair: _look(pair, motion), threads):
-        yield loaded, motion.step(loaded.stamp, pyramids)
+        try:
+            step = motion.step(loaded.stamp, pyramids)
+        except cv2.error as error:
+            loaded = LoadedPair(loaded.source, None, damage_of(loaded, error))
+            step = motion.step(loaded.stamp, None)
+        yield loaded, step
 
 
 def move(pair: Pair, motion: AnyMotion) -> tuple[Pair, Motion | None]:
@@ -73,5 +79,5 @@ def _look(pair: Pair, motion: VisualMotion | FusedMotion) -> tuple[LoadedPair, P
     try:
         loaded = pair.load()
         return LoadedPair(pair, loaded), motion.prepare(loaded)
-    except (DamagedFrameError, StereoError) as error:
-        return LoadedPair(pair, None, str(error)), None
+    except IMAGE_ERRORS as error:
+        return LoadedPair(pair, None, damage_of(pair, error)), None

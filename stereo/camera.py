@@ -75,7 +75,9 @@ def halves(image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 class Camera(ABC):
-    """A stream of frames; a context manager. It is used by one thread, `close` by any."""
+    """A stream of frames; a context manager. Used by one thread, `interrupt` alone by any."""
+
+    garbage = 0  # bytes received so far that belonged to no image
 
     @abstractmethod
     def connect(self) -> None:
@@ -91,7 +93,10 @@ class Camera(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Release it; a `read` that waits in another thread ends."""
+        """Release it, in the thread that reads: libraries crash when it is another one."""
+
+    def interrupt(self) -> None:  # noqa: B027 - most drivers cannot be woken
+        """Let a `read` that waits in another thread end soon, where that can be done safely."""
 
     def __enter__(self) -> Camera:
         self.connect()

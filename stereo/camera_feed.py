@@ -14,6 +14,8 @@ from stereo.errors import CameraError
 FIRST_WAIT, LONGEST_WAIT = 0.1, 5.0  # s between attempts to connect
 # An interval so many periods long is a stall, if it is also longer than this [ns].
 STALL_PERIODS, STALL_NS = 4.0, 500_000_000
+# A driver that hangs is left to its thread after this [s]: it must not hold up what is saved.
+JOIN_S = 15.0
 LATE_PERIODS = 1.5  # a longer interval has lost frames, unless the next ones catch up
 KNOWN = 30  # intervals that tell the camera's period
 
@@ -24,7 +26,8 @@ Tell = Callable[[str], None]
 class CameraFeed:
     """Reads one camera until it is stopped.
 
-    counts: frames; dropped (by gaps in the stamps); stalls; lost (connections).
+    counts: frames; dropped (by gaps in the stamps); stalls; lost (connections); garbage: bytes
+    that belonged to no image.
     deliver(name, frame) and tell(what happened) are called from the feed's thread.
     """
 
@@ -32,7 +35,7 @@ class CameraFeed:
         self, name: str, camera: Camera, period: int, deliver: Deliver, tell: Tell
     ) -> None:
         self.name = name
-        self.counts: Counter[str] = Counter(frames=0, dropped=0, stalls=0, lost=0)
+        self.counts: Counter[str] = Counter(frames=0, dropped=0, stalls=0, lost=0, garbage=0)
         self._camera = camera
         self._deliver = deliver
         self._tell = tell
@@ -49,12 +52,16 @@ class CameraFeed:
         self._thread.start()
 
     def stop(self) -> None:
-        """Stop reading and close the camera."""
+        """Stop reading; the thread that reads closes the camera, then ends."""
         self._stop.set()
-        self._camera.close()
-        if self._thread is not None:
-            self._thread.join()
-            self._thread = None
+        if self._thread is None:
+            self._camera.close()
+            return
+        self._camera.interrupt()
+        self._thread.join(JOIN_S)
+        if self._thread.is_alive():
+            self._tell(f"{self.name} camera: its driver hangs: left open")
+        self._thread = None
 
     @property
     def period(self) -> float:
@@ -66,11 +73,18 @@ class CameraFeed:
         return 0 if self._last is None else now - self._last
 
     def _run(self) -> None:
+        try:
+            self._read()
+        finally:
+            self._camera.close()
+
+    def _read(self) -> None:
         while not self._stop.is_set():
             try:
                 while not self._stop.is_set():
                     frame = self._camera.read()
                     self._count(frame.stamp)
+                    self.counts["garbage"] = self._camera.garbage
                     self._deliver(self.name, frame)
             except CameraError as error:
                 if self._stop.is_set():
@@ -90,8 +104,6 @@ class CameraFeed:
                 wait = min(2.0 * wait, LONGEST_WAIT)
                 continue
             self._tell(f"{self.name} camera is back after {time.monotonic() - begin:.1f} s")
-            if self._stop.is_set():
-                self._camera.close()
             return
 
     def _count(self, stamp: int) -> None:

@@ -77,22 +77,30 @@ class NetworkCamera(Camera):
                 chunk = b""
             if not chunk:
                 raise CameraError(f"{self.address}: the stream ended")
-            for arrival, taken, jpeg in self._parser.feed(chunk, time.monotonic_ns()):
+            before = self._parser.dropped
+            parts = self._parser.feed(chunk, time.monotonic_ns())
+            self.garbage += self._parser.dropped - before
+            for arrival, taken, jpeg in parts:
                 stamp = arrival if taken is None else self._clock.host_time(taken, arrival)
                 self._waiting.append(Frame(stamp, jpeg, taken))
         return self._waiting.popleft()
 
     def close(self) -> None:
         """End the stream."""
-        connection, response = self._connection, self._response
+        self.interrupt()
+        connection = self._connection
         self._connection = self._response = None
+        if connection is not None:
+            connection.close()
+
+    def interrupt(self) -> None:
+        """Shut the socket down: a `read` that waits raises CameraError."""
+        connection, response = self._connection, self._response
         sockets = [connection.sock if connection else None, _socket_of(response)]
         for sock in sockets:
             if sock is not None:
                 with contextlib.suppress(OSError):
                     sock.shutdown(socket.SHUT_RDWR)
-        if connection is not None:
-            connection.close()
 
     def _credentials(self) -> dict[str, str]:
         if self._parts.username is None:

@@ -30,13 +30,15 @@ class CameraReport:
     """What a stereo camera did so far.
 
     counts: per camera, as in `CameraFeed`; pairs; lonely: frames without a partner; late: pairs
-    given up because nobody read them; skew_ms: (median, 95 % of the sizes) right minus left.
+    given up because nobody read them; backwards: pairs given up because they are stamped no later
+    than the one before; skew_ms: (median, 95 % of the sizes) right minus left.
     """
 
     counts: dict[str, dict[str, int]]
     pairs: int
     lonely: int
     late: int
+    backwards: int
     skew_ms: tuple[float, float]
 
 
@@ -57,7 +59,8 @@ class StereoCamera:
         self._news = threading.Condition()
         self._events: list[tuple[int, str]] = []
         self._skews: deque[int] = deque(maxlen=SKEWS)
-        self._count = self._late = 0
+        self._count = self._late = self._backwards = 0
+        self._ended = False
         self._last = -1
         self._feeds: list[CameraFeed] = []
 
@@ -92,6 +95,12 @@ class StereoCamera:
         for feed in self._feeds:
             feed.start()
 
+    def end(self) -> None:
+        """Take no more frames, at once; pairs that wait may still be read. `close` still must."""
+        with self._news:
+            self._ended = True
+            self._news.notify_all()
+
     def close(self) -> None:
         """Stop reading and release all cameras; pairs read before may still be taken."""
         with ExitStack() as stack:
@@ -110,9 +119,8 @@ class StereoCamera:
     def read(self, timeout: float) -> CapturedPair | None:
         """The next pair; None when `timeout` seconds passed without one."""
         with self._news:
-            if not self._news.wait_for(lambda: self._pairs, timeout):
-                return None
-            return self._pairs.popleft()
+            self._news.wait_for(lambda: self._pairs or self._ended, timeout)
+            return self._pairs.popleft() if self._pairs else None
 
     def events(self) -> list[tuple[int, str]]:
         """What happened since the last call: (monotonic ns, in words)."""
@@ -134,15 +142,28 @@ class StereoCamera:
             self._count,
             self._pairing.lonely,
             self._late,
+            self._backwards,
             (float(skew[0]), float(skew[1])),
         )
 
     def _deliver(self, name: str, frame: Frame) -> None:
+        if self._ended:
+            return
         stereo = name == "stereo"
         pairs = [CapturedPair(frame, None)] if stereo else self._pairing.add(name, frame)
         with self._news:
             for pair in pairs:
                 if pair.stamp <= self._last:  # a clock that turned back makes no second past
+                    self._backwards += 1
+                    if self._backwards == 1:
+                        now = time.monotonic_ns()
+                        self._events.append(
+                            (
+                                now,
+                                "pairs that are stamped no later than the one "
+                                "before are left out: the cameras' clock turned back",
+                            )
+                        )
                     continue
                 self._last = pair.stamp
                 self._count += 1

@@ -218,3 +218,37 @@ def test_real_boards_are_found_in_all_images_and_never_as_smaller_ones(name, tex
     assert [image.name for image in seen if image.sighting is None] == []
     assert all(0.6 < (image.blur or 0) < 2 for image in seen)
     assert all(image.sighting is None for image in look_at_all(files, parse_board(smaller, 0.03)))
+
+
+class FailingDetector:
+    """OpenCV's, which fails on some whole images where it refines corners along outlines."""
+
+    fails = (cv2.aruco.CORNER_REFINE_CONTOUR,)
+
+    def __init__(self, dictionary, settings, real=cv2.aruco.ArucoDetector):
+        self.real, self.refines = real(dictionary, settings), settings.cornerRefinementMethod
+
+    def detectMarkers(self, image):  # noqa: N802 - OpenCV's name
+        if self.refines in self.fails:
+            cv2.solve(np.zeros((2, 3)), np.zeros((1, 1)))  # throws
+        return self.real.detectMarkers(image)
+
+
+def test_an_image_on_which_opencv_fails_costs_neither_its_board_nor_the_others(
+    monkeypatch, tmp_path
+):
+    board = parse_board("charuco:8x6", 0.03)
+    homography, truth = view(board, 1)
+    image = photograph(board, homography, (640, 480), seed=1)
+    monkeypatch.setattr(cv2.aruco, "ArucoDetector", FailingDetector)
+    sighting = find_board(image, board)
+    assert sighting is not None
+    assert np.sqrt(np.mean(off_truth(board, sighting, truth) ** 2)) < 0.1
+    monkeypatch.setattr(
+        FailingDetector, "fails", (cv2.aruco.CORNER_REFINE_CONTOUR, cv2.aruco.CORNER_REFINE_NONE)
+    )
+    cv2.imwrite(str(tmp_path / "a.png"), image)
+    (seen,) = look_at_all([tmp_path / "a.png"], board)
+    assert seen.sighting is None
+    assert seen.reason is not None
+    assert "nothing that OpenCV can search" in seen.reason

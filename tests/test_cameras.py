@@ -14,15 +14,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stereo import camera_v4l2
+from stereo import camera_feed, camera_v4l2
 from stereo.camera import Camera, CapturedPair, Frame
 from stereo.camera_feed import CameraFeed
 from stereo.camera_network import NetworkCamera
-from stereo.camera_settings import camera_settings
+from stereo.camera_settings import CameraSettings, camera_settings
 from stereo.camera_v4l2 import VideoDevice, jpeg_of
 from stereo.errors import CameraError, StereoError
 from stereo.frame_pairing import FramePairing
 from stereo.mjpeg import MjpegParser
+from stereo.stereo_camera import StereoCamera
 from stereo.stream_clock import StreamClock
 
 MS = 1_000_000
@@ -146,6 +147,68 @@ def test_drops_stalls_and_losses_are_counted():
     assert told[0] == "left camera stalled for 1.0 s"
     assert told[1] == "left camera lost: the cable"
     assert told[2].startswith("left camera is back after")
+
+
+class Slow(Camera):
+    """A driver that must be released by the thread that reads: V4L2's, through OpenCV."""
+
+    def __init__(self) -> None:
+        self.reading, self.reader, self.closer = False, 0, 0
+
+    def connect(self) -> None:
+        pass
+
+    def read(self) -> Frame:
+        self.reading, self.reader = True, threading.get_ident()
+        time.sleep(0.05)
+        self.reading = False
+        return Frame(time.monotonic_ns(), b"")
+
+    def close(self) -> None:
+        assert not self.reading
+        self.closer = threading.get_ident()
+
+
+def test_a_camera_is_released_by_the_thread_that_reads_it():
+    camera = Slow()
+    feed = CameraFeed("left", camera, 100 * MS, lambda *_: None, lambda _: None)
+    feed.start()
+    while not camera.reading:
+        time.sleep(0.001)
+    feed.stop()
+    assert camera.closer == camera.reader != threading.get_ident()
+
+
+def test_a_driver_that_hangs_does_not_hold_up_the_end(monkeypatch):
+    monkeypatch.setattr(camera_feed, "JOIN_S", 0.05)
+    told: list[str] = []
+    release = threading.Event()
+
+    class Hanging(Slow):
+        def read(self) -> Frame:
+            release.wait(10.0)
+            return Frame(1, b"")
+
+    camera = Hanging()
+    feed = CameraFeed("left", camera, 100 * MS, lambda *_: None, told.append)
+    feed.start()
+    feed.stop()
+    release.set()
+    assert told == ["left camera: its driver hangs: left open"]
+
+
+def test_pairs_that_a_clock_turned_back_are_counted():
+    camera = StereoCamera(CameraSettings(left="/dev/video0", right="/dev/video2"))
+    for stamp in (1000, 2000, 1500, 1600, 1700, 3000):
+        camera._deliver("left", Frame(stamp * MS, b""))
+        camera._deliver("right", Frame(stamp * MS, b""))
+    taken = []
+    while pair := camera.read(0.0):
+        taken.append(pair.stamp // MS)
+    assert taken == [1000, 2000, 3000]
+    report = camera.report()
+    assert (report.pairs, report.backwards) == (3, 3)
+    assert len(camera.events()) == 1
 
 
 def serve(answer: bytes) -> str:

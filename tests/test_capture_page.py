@@ -21,8 +21,8 @@ pytest.importorskip("uvicorn", reason="the extra 'web' is not installed")
 
 from calibration.rig import load_rig
 from calibration.verdict import LIMITS
+from pipeline import signals
 from pipeline.cli import cli
-from pipeline.commands import live_screen
 from pipeline.web.capture_page import CapturePage
 from pipeline.web.capture_state import CaptureState
 from pipeline.web.hub import RefusedError
@@ -119,7 +119,7 @@ class Watched(threading.Thread):
         self.words = (place, "--web", "--port", port)
         self.outcome: Outcome | None = None
         self._events: list[threading.Event] = []
-        patch.setattr(live_screen, "until_interrupted", self._uninterrupted)
+        patch.setattr(signals, "until_interrupted", self._uninterrupted)
 
     def run(self) -> None:
         self.outcome = capture(*self.words)

@@ -79,8 +79,8 @@ def test_all_containers_become_one_recording_with_the_map_of_the_original(
         assert (tmp_path / "run" / result).read_bytes() == (office_run / result).read_bytes()
     # Bags state the cameras' matrices, in which a rotation is not told to the last digit.
     for result in ("trajectory.tum", "odometry.tum"):
-        poses = [read_tum(run / result).poses for run in (tmp_path / "run", office_run)]
-        np.testing.assert_allclose(*poses, atol=1e-6)
+        found, expected = (read_tum(run / result).poses for run in (tmp_path / "run", office_run))
+        np.testing.assert_allclose(found, expected, atol=1e-6)
 
 
 def test_calibration_and_mount_are_those_of_the_recording(bags, office_piece, tmp_path, beemap):

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pipeline.checkpoint import NOTHING
 from pipeline.live import mapping_thread
 from pipeline.live.devices import load_live_rig
 from pipeline.live.live_run import LiveOptions, begin_output, live_run
@@ -50,7 +51,6 @@ def live_all(
     rig, output: Path, virtual, motion: str = "fused", watcher: Watcher = NOBODY, **options
 ):
     settings = load_settings(None, SETTINGS)
-    begin_output(output, False, {})
     facts = {"motion": motion}
     wanted = LiveOptions(
         settings,
@@ -58,6 +58,7 @@ def live_all(
         stop=virtual.timeline.finished,
         motion=motion,
         facts=facts,
+        opened=lambda: begin_output(output, {}) or NOTHING,
         watcher=watcher,
     )
     return live_run(load_live_rig(rig), output, output / "recording", wanted, **options)

@@ -123,11 +123,12 @@ def _recordings_in(folder: Path, output: Path) -> tuple[list[Path], list[str]]:
     for entry in sorted(folder.iterdir()):
         if entry.name.startswith(".") or entry.resolve() == output.resolve():
             continue
-        live = entry / "recording"
+        # Of a live run; a second one into the folder has another number.
+        live = [p for p in sorted(entry.glob("recording*")) if p.is_dir() and _is_recording(p)]
         if _is_recording(entry):
             inside.append(entry)
-        elif live.is_dir() and _is_recording(live):
-            inside.append(live)
+        elif live:
+            inside += live
         else:
             passed.append(entry.name)
     return inside, passed

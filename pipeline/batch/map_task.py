@@ -63,7 +63,7 @@ def map_into(task: MapTask) -> bool:
         InputError, StereoError, ...: what `beemap map` would say.
         StoppedError: the call that wanted it is gone.
     """
-    from pipeline.commands.libraries import Open3DLoading, use_threads
+    from pipeline.commands.libraries import use_threads
     from pipeline.results import write_results
 
     begin = time.perf_counter()
@@ -73,11 +73,9 @@ def map_into(task: MapTask) -> bool:
     key = key_of(asked, job)
     if finished_key(task.output) == key:
         return False
-    open3d = Open3DLoading()
     watch = Watch(task.claim)
     with _checkpoint(task.output, key, asked) as known:
         run = job.run(lambda done, total: here.tell(done / total), watch.gone, known)
-        open3d.wait()
         if not run.partial:
             facts = {**task.request.facts(job, settings, here.threads), "key": key}
             with new_folder(task.output, force=True) as folder:

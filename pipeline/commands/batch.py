@@ -64,6 +64,7 @@ def batch_command(
     from pipeline.batch.page import summary, write_overview
     from pipeline.batch.run import Wanted, failures, run_batch
     from pipeline.motion import absolute_choice
+    from pipeline.output_lock import locked
     from pipeline.settings import load_settings
     from pipeline.tasks.folder import open_folder
     from pipeline.tasks.runner import Workers
@@ -79,10 +80,11 @@ def batch_command(
         overrides,
     )
     paths, notes = find_recordings(recordings, output)
-    open_folder(output, "batch", "recordings", force)
-    inputs = named(paths, output)
-    outcome = run_batch(inputs, wanted, output.resolve(), workers, threads, quiet)
-    write_overview(output, outcome.rows)
+    with locked(output):
+        open_folder(output, "batch", "recordings", force)
+        inputs = named(paths, output)
+        outcome = run_batch(inputs, wanted, output.resolve(), workers, threads, quiet)
+        write_overview(output, outcome.rows)
     failed = failures(outcome.rows)
     for row in failed:
         click.echo(f"beemap: failed: {row.name}: {row.why}", err=True)

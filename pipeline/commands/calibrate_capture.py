@@ -72,8 +72,9 @@ def capture(
     from pipeline.board_capture import BoardCapture
     from pipeline.commands.calibrate_cameras import REDO_CODE
     from pipeline.commands.capture_bars import CaptureBars
-    from pipeline.commands.live_screen import until_interrupted
+    from pipeline.output_lock import locked
     from pipeline.pair_taking import take_pairs
+    from pipeline.signals import until_interrupted
     from stereo.camera_settings import camera_settings
 
     check_web(web, host, port)
@@ -86,13 +87,15 @@ def capture(
     taking = BoardCapture(board)
     with _shown(web, host, port, board, rig_file, output) as page:
         watchers = [watcher for watcher in (page, None if quiet else CaptureBars()) if watcher]
-        with until_interrupted() as stop:
+        with locked(output), until_interrupted() as stop:
             if page is not None:
                 page.button = stop
             take_pairs(cameras, taking, output, pairs or MOST_PAIRS, stop, watchers)
         count, missing = len(taking.kept), taking.wanted()
         left = f"; still missing: {'; '.join(missing[:3])}" if missing else ": enough"
         told = f"{count} pairs in {output}{left}"
+        if taking.damaged:
+            told += f"; {taking.damaged} damaged pairs were left out"
         click.echo(told)
         if no_calibrate or count < FEWEST_PAIRS:
             if page is not None:
@@ -141,7 +144,7 @@ def _calibrate(
     """The pairs, into the rig file; its devices and encoders stay."""
     from pipeline.calibration_report.files import PAGE
     from pipeline.commands.calibrate_cameras import calibrate_pairs, report_beside
-    from pipeline.commands.live_screen import until_interrupted
+    from pipeline.signals import until_interrupted
     from pipeline.web.capture_state import Solved
 
     report = report_beside(rig_file)

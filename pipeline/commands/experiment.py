@@ -139,15 +139,17 @@ def _run(
     """
     from pipeline.experiments.batch import InterruptedBatchError
     from pipeline.experiments.options import Options
+    from pipeline.output_lock import locked
     from pipeline.tasks.folder import open_folder
     from pipeline.tasks.runner import Workers
 
     module = importlib.import_module(f"pipeline.experiments.{name}")
     workers = Workers(jobs or (None if scheduler else usual), scheduler)
     options = Options(output, seeds=seeds or module.SEEDS, workers=workers, quiet=quiet, **chosen)
-    open_folder(output, "experiment", name, force)
     try:
-        batch = module.run(options, *arguments)
+        with locked(output):
+            open_folder(output, "experiment", name, force)
+            batch = module.run(options, *arguments)
     except InterruptedBatchError as interrupted:
         click.echo(
             f"beemap: interrupted: {interrupted.done} of {interrupted.total} runs are in {output}; "

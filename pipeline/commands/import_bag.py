@@ -74,7 +74,7 @@ def import_command(
     from pipeline.extras import need
 
     need("ros", "import")
-    from pipeline.folders import check_target
+    from pipeline.folders import IMPORTED, check_target
     from pipeline.ros.bags import BagReader
     from pipeline.ros.import_plan import Asked, plan
     from pipeline.ros.topics import Named, choose
@@ -82,7 +82,7 @@ def import_command(
     if output is None and not list_only:
         raise click.UsageError("Missing option '-o'")
     if output is not None:
-        check_target(output, force)
+        check_target(output, force, IMPORTED)
     name = ", ".join(map(str, bags))
     named = Named(left, right, left_info, right_info, odom, joints)
     with BagReader(bags) as bag:
@@ -130,7 +130,7 @@ def _taken(chosen: Chosen) -> dict[str, str]:
 
 def _import(bag: BagReader, name: str, made: Plan, output: Path, force: bool, quiet: bool) -> None:
     from pipeline.errors import InputError
-    from pipeline.folders import new_folder
+    from pipeline.folders import IMPORTED, new_folder
     from pipeline.progress import progress_bar
     from pipeline.recordings import open_recording
     from pipeline.ros.import_bag import write
@@ -139,7 +139,7 @@ def _import(bag: BagReader, name: str, made: Plan, output: Path, force: bool, qu
         for note in (*bag.notes, *made.notes):
             click.echo(f"note: {note}", err=True)
     known = len(made.notes)
-    with new_folder(output, force) as folder:
+    with new_folder(output, force, IMPORTED) as folder:
         with progress_bar("importing", "messages", quiet) as progress:
             counts = write(bag, made, folder, progress)
         # Opened as `map` will open it: what it cannot pair is told now.

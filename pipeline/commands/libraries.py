@@ -1,10 +1,8 @@
-"""Heavy libraries made ready for a run: threads shared out, Open3D loaded beside the work."""
+"""Heavy libraries made ready for a run: threads shared out."""
 
 from __future__ import annotations
 
 import os
-import threading
-from contextlib import suppress
 
 from pipeline.errors import InputError
 
@@ -27,25 +25,3 @@ def use_threads(threads: int) -> None:
         raise InputError(
             f"numba finds no threads ({error}): on Debian or Ubuntu run 'apt-get install libgomp1'"
         ) from None
-
-
-class Open3DLoading:
-    """Imports Open3D (0.6 s) in the background, where it is needed only at the end.
-
-    Where it cannot be loaded the results say so.
-    """
-
-    def __init__(self) -> None:
-        # No daemon: an interpreter that ends while a library is being loaded crashes.
-        self._thread = threading.Thread(target=self._load)
-        self._thread.start()
-
-    def _load(self) -> None:
-        from mapping.clouds import Open3DMissingError, import_open3d
-
-        with suppress(Open3DMissingError):
-            import_open3d()
-
-    def wait(self) -> None:
-        """Return when Open3D is there, or known to be missing."""
-        self._thread.join()

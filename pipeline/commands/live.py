@@ -79,14 +79,18 @@ def live_command(
     """
     from pipeline.checkpoint import Checkpoint
     from pipeline.commands.libraries import use_threads
-    from pipeline.commands.live_screen import Screen, until_interrupted
+    from pipeline.commands.live_screen import Screen
     from pipeline.commands.record import check_new
     from pipeline.fitting import fitted_live
+    from pipeline.folders import check_target
     from pipeline.live.devices import load_live_rig
     from pipeline.live.events import EventLines
-    from pipeline.live.live_run import LiveOptions, begin_output, live_run
+    from pipeline.live.live_run import LiveOptions, abandon_output, begin_output, live_run
     from pipeline.map_request import MapRequest, parse_begin
+    from pipeline.output_lock import locked
+    from pipeline.places import read_places
     from pipeline.settings import check, given_settings, sets_cell
+    from pipeline.signals import until_interrupted
     from pipeline.watcher import NOBODY
 
     check_web(web, host, port)
@@ -106,10 +110,11 @@ def live_command(
         rig.parameters,
         known_grid,
     )
+    check_target(output, force)
     if recording is not None:
         check_new(recording)
     use_threads(threads or os.cpu_count() or 1)
-    place = recording or output / "recording"
+    place = recording or _free(output / "recording")
     facts = {"input": str(rig_file), "format": "live", "motion": motion, "seed": seed}
     facts["recording"] = str(place)
     lines = EventLines(poses) if poses else None
@@ -119,29 +124,51 @@ def live_command(
     for setting, reason in chosen.items():
         screen.tell(f"{setting}: {reason}")
     name = output.resolve().name
+    # What mapping the recording offline would be asked for: `map --resume` goes on so.
+    asked = MapRequest(str(place), motion=motion, seed=seed, begin=begin)
+    asked = asked.complete(settings, chosen)
+    facts["request"] = asked.told()
+
+    def opened() -> Checkpoint:
+        begin_output(output, facts)
+        return Checkpoint.start(output / "checkpoint", msgspec.to_builtins(asked))
+
     try:
-        with until_interrupted() as stop, watched(web, host, port, name, output, stop) as page:
-            begin_output(output, force, facts)
-            # What mapping the recording offline would be asked for: `map --resume` goes on so.
-            asked = MapRequest(str(place), motion=motion, seed=seed, begin=begin)
-            asked = asked.complete(settings, chosen)
-            facts["request"] = asked.told()
-            known = Checkpoint.start(output / "checkpoint", msgspec.to_builtins(asked))
+        with (
+            locked(output),
+            locked(place),
+            until_interrupted() as stop,
+            watched(web, host, port, name, output, stop) as page,
+        ):
             screen.page = page
-            options = LiveOptions(
-                settings, seed, duration, stop, known, facts, known_grid, motion, page or NOBODY
-            )
+            options = LiveOptions(settings, seed, duration, stop, opened, facts, known_grid)
+            options.places = read_places(Path(begin.map)) if begin else []
+            options.motion, options.watcher = motion, page or NOBODY
             sinks = {"on_pose": lines, "on_map": lines} if lines else {}
-            summary = live_run(
-                rig, output, place, options, **sinks, tell=screen.tell, on_status=screen.status
-            )
-        known.discard()
+            try:
+                summary = live_run(
+                    rig, output, place, options, **sinks, tell=screen.tell, on_status=screen.status
+                )
+            except Exception:
+                abandon_output(output)
+                raise
+            (output / "checkpoint").unlink(missing_ok=True)
     finally:
         screen.end()
         if lines is not None:
             lines.close()
     if not quiet:
         _tell(output, place, summary)
+
+
+def _free(place: Path) -> Path:
+    """That folder, or one beside it: a recording is never replaced."""
+    number = 1
+    free = place
+    while free.exists() and (not free.is_dir() or any(free.iterdir())):
+        number += 1
+        free = place.with_name(f"{place.name}-{number}")
+    return free
 
 
 def _tell(output: Path, place: Path, summary: dict[str, Any]) -> None:

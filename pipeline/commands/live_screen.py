@@ -1,13 +1,10 @@
-"""What `live` and `record` share on the screen: the status line, Ctrl-C, notes."""
+"""What `live` and `record` share on the screen: the status line, notes."""
 
 from __future__ import annotations
 
-import signal
 import sys
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -58,22 +55,3 @@ class Screen:
         """Leave the status line."""
         if self._terminal and self._count and not self._quiet:
             click.echo("", err=True)
-
-
-@contextmanager
-def until_interrupted() -> Iterator[threading.Event]:
-    """An event that the first Ctrl-C (or SIGTERM) sets; a second one breaks the run."""
-    stop = threading.Event()
-
-    def on_signal(signum: int, frame: Any) -> None:
-        if stop.is_set():
-            raise KeyboardInterrupt
-        stop.set()
-
-    signals = (signal.SIGINT, signal.SIGTERM)
-    previous = [signal.signal(number, on_signal) for number in signals]
-    try:
-        yield stop
-    finally:
-        for number, handler in zip(signals, previous, strict=True):
-            signal.signal(number, handler)

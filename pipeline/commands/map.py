@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import os
-import shutil
-import signal
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 import msgspec
 
-from pipeline.commands.libraries import Open3DLoading, use_threads
+from pipeline.commands.libraries import use_threads
 from pipeline.errors import InputError
 
 if TYPE_CHECKING:
@@ -106,18 +102,19 @@ def map_command(
     name, .tum) comes along. Ctrl-C ends the run early with the results so far; --resume goes on.
     """
     from pipeline.checkpoint import Checkpoint
-    from pipeline.folders import check_output, remove_remains
+    from pipeline.folders import check_output
     from pipeline.map_request import MapRequest, Ticks, checkpoint_of, parse_begin, resumed
+    from pipeline.output_lock import locked
 
     threads = threads or os.cpu_count() or 1
     if resume is not None:
         if recording is not None or output is not None:
             raise InputError("--resume OUT: knows its input and its output: give neither again")
-        checkpoint, request = resumed(resume)
-        remove_remains(resume)
-        with checkpoint:
-            job, settings = request.prepare(None, (), threads)
-            _map(request, job, settings, checkpoint, resume, threads, True, quiet)
+        with locked(resume):
+            checkpoint, request = resumed(resume)
+            with checkpoint:
+                job, settings = request.prepare(None, (), threads)
+                _map(request, job, settings, checkpoint, resume, threads, True, quiet)
         return
     if recording is None:
         raise click.UsageError("Missing argument 'INPUT'")
@@ -130,10 +127,11 @@ def map_command(
     begin = parse_begin(known_map, pose)
     rig_name = str(rig) if rig else None
     request = MapRequest(str(recording), rig_name, motion, fps, seed, table, begin)
-    job, settings = request.prepare(settings_file, overrides, threads)
-    asked = request.complete(settings, job.chosen)
-    with Checkpoint.start(checkpoint_of(output), msgspec.to_builtins(asked)) as checkpoint:
-        _map(request, job, settings, checkpoint, output, threads, force, quiet)
+    with locked(output):
+        job, settings = request.prepare(settings_file, overrides, threads)
+        asked = request.complete(settings, job.chosen)
+        with Checkpoint.start(checkpoint_of(output), msgspec.to_builtins(asked)) as checkpoint:
+            _map(request, job, settings, checkpoint, output, threads, force, quiet)
 
 
 def _map(
@@ -148,6 +146,8 @@ def _map(
 ) -> None:
     """Run the job, with what the checkpoint knows of it already; write, tell."""
     from pipeline.folders import new_folder
+    from pipeline.places import read_places
+    from pipeline.signals import until_interrupted
 
     begin = time.perf_counter()
     use_threads(threads)
@@ -158,12 +158,14 @@ def _map(
             click.echo(f"{setting}: {reason}", err=True)
         if known := len(checkpoint):
             click.echo(f"goes on after {known} observations", err=True)
-    open3d = Open3DLoading()
-    # A live run's folder holds its recording: only the results in it are replaced.
-    inside = Path(request.input).resolve().is_relative_to(output.resolve())
-    with _in_place(output) if inside else new_folder(output, force) as folder:
-        run = _run(job, quiet, checkpoint)
-        open3d.wait()
+    # What is read of the earlier result and of the map to begin in, before either changes.
+    places = read_places(output)
+    if request.begin is not None:
+        places += read_places(Path(request.begin.map))
+    # Signals end the mapping, not the writing: what is found out is written down whole.
+    with until_interrupted() as stop, new_folder(output, force) as folder:
+        run = _run(job, quiet, checkpoint, stop)
+        run.earlier_places = places
         facts = request.facts(job, settings, threads)
         run.seconds["total"] = time.perf_counter() - begin
         from pipeline.results import write_results
@@ -184,37 +186,12 @@ def _map(
     checkpoint.discard()
 
 
-@contextmanager
-def _in_place(output: Path) -> Iterator[Path]:
-    from pipeline.folders import replace_files
-
-    partial = output / ".saving"
-    shutil.rmtree(partial, ignore_errors=True)
-    partial.mkdir()
-    try:
-        yield partial
-        replace_files(partial, output, "run.json")
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
-
-
-def _run(job: Job, quiet: bool, known: Observations) -> MapRun:
-    """Map with a progress bar; the first Ctrl-C asks the run to end, a second one breaks it."""
+def _run(job: Job, quiet: bool, known: Observations, stop: threading.Event) -> MapRun:
+    """Map with a progress bar until `stop` is set."""
     from pipeline.progress import progress_bar
 
-    stop = threading.Event()
-
-    def on_interrupt(signum: int, frame: Any) -> None:
-        if stop.is_set():
-            raise KeyboardInterrupt
-        stop.set()
-
-    previous = signal.signal(signal.SIGINT, on_interrupt)
-    try:
-        with progress_bar("mapping", job.unit, quiet) as progress:
-            return job.run(progress, stop.is_set, known)
-    finally:
-        signal.signal(signal.SIGINT, previous)
+    with progress_bar("mapping", job.unit, quiet) as progress:
+        return job.run(progress, stop.is_set, known)
 
 
 def _print_summary(

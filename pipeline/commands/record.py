@@ -41,16 +41,18 @@ def record_command(
     Images are kept as the cameras send them, every byte of the encoders too. The folder is only
     appended to and synced each second: cut off at any moment it opens as it is.
     """
-    from pipeline.commands.live_screen import Screen, until_interrupted
+    from pipeline.commands.live_screen import Screen
     from pipeline.live.devices import load_live_rig
     from pipeline.live.record_run import record_run
+    from pipeline.output_lock import locked
     from pipeline.settings import load_settings
+    from pipeline.signals import until_interrupted
 
     settings = load_settings(None, overrides).odometry
     rig = load_live_rig(rig_file)
     check_new(output)
     screen = Screen(quiet or as_json)
-    with until_interrupted() as stop:
+    with locked(output), until_interrupted() as stop:
         report = record_run(rig, output, stop, settings, duration, screen.tell, screen.status)
     screen.end()
     if as_json:
@@ -58,6 +60,13 @@ def record_command(
     elif not quiet:
         summarise(report)
         click.echo(f"recording: {output} (beemap map {output} -o run)")
+
+
+# What `Session.report` counts of pairs that came and were not recorded.
+LEFT_OUT = {
+    "late": "this machine was too slow to take them",
+    "backwards": "stamped no later than the pair before",
+}
 
 
 def check_new(folder: Path) -> None:
@@ -83,6 +92,9 @@ def summarise(report: dict[str, Any]) -> None:
             say(f"{name} camera: {told}")
     if cameras["lonely"]:
         say(f"{cameras['lonely']} images without a partner")
+    for key, why in LEFT_OUT.items():
+        if count := cameras.get(key):
+            say(f"{count} pairs left out: {why}")
     wrong = {k: n for k, n in report["encoders"].items() if n and k != "readings"}
     if wrong:
         say("encoders: " + ", ".join(f"{n} {k.replace('_', ' ')}" for k, n in wrong.items()))

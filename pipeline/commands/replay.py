@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import threading
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -64,10 +65,11 @@ def replay_command(
     beemap replay data/office --web --speed 4
     """
     from pipeline.commands.libraries import use_threads
-    from pipeline.commands.live_screen import until_interrupted
     from pipeline.folders import check_output
-    from pipeline.live.live_run import begin_output
+    from pipeline.live.live_run import abandon_output, begin_output
     from pipeline.map_request import MapRequest
+    from pipeline.output_lock import locked
+    from pipeline.signals import until_interrupted
 
     if not web:
         raise InputError("replay: shows a run on a page: give --web")
@@ -90,11 +92,20 @@ def replay_command(
     if output is not None:
         check_output(Path(facts["input"]), output, force)
     name = source.resolve().name
-    with until_interrupted() as stop, watched(True, host, port, name, output, stop) as state:
+    with (
+        nullcontext() if output is None else locked(output),
+        until_interrupted() as stop,
+        watched(True, host, port, name, output, stop) as state,
+    ):
         assert state is not None
         if output is not None:
-            begin_output(output, force, facts)
-        _replay(job, settings, facts, state, speed, output, stop)
+            begin_output(output, facts)
+        try:
+            _replay(job, settings, facts, state, speed, output, stop)
+        except Exception:
+            if output is not None:
+                abandon_output(output)
+            raise
         if not stop.is_set():
             click.echo("the replay is over; Ctrl-C, or Stop on the page, ends it", err=True)
             stop.wait()

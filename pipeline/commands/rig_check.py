@@ -85,11 +85,10 @@ def _draw(
     import cv2
 
     from pipeline.errors import InputError
+    from pipeline.frontend import IMAGE_ERRORS
     from pipeline.new_files import new_files
-    from pipeline.recordings.base import DamagedFrameError
     from pipeline.rectified_picture import draw_pair
     from pipeline.whole_images import spread, whole_rectifier
-    from stereo.errors import StereoError
 
     rectify = whole_rectifier(rig)
     files = spread(recording.pairs, pairs)
@@ -99,7 +98,7 @@ def _draw(
         try:
             loaded = pair.load()
             drawn[target] = draw_pair(loaded.left, loaded.right, rectify)
-        except (DamagedFrameError, StereoError):
+        except IMAGE_ERRORS:
             continue  # counted when its rows were looked at
     with new_files(list(drawn), force) as partial:
         for target, picture in drawn.items():

@@ -19,7 +19,7 @@ from pipeline.commands.render_options import (
     true_rig,
 )
 from pipeline.errors import InputError
-from pipeline.folders import check_target, new_folder
+from pipeline.folders import RENDERED, check_target, new_folder
 from pipeline.progress import progress_bar
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ def _record(context: click.Context, preset: str, options: dict[str, Any]) -> Non
     from simulation.scene import load_scene
     from simulation.wheels import MINIBEE_ENCODERS, WheelNoise
 
-    check_target(options["output"], options["force"])
+    check_target(options["output"], options["force"], RENDERED)
     if options["ending"] == "png" and given(context, "quality"):
         raise InputError("--quality: PNG files keep every pixel: leave it out, or --format jpg")
     rig, faults = true_rig(context), camera_faults(options)
@@ -74,7 +74,7 @@ def _record(context: click.Context, preset: str, options: dict[str, Any]) -> Non
     )
     duration = math.inf if options["duration"] is None else options["duration"]
     trip = drive(scene.route, MINIBEE_ENCODERS, noise, options["seed"], duration, options["rate"])
-    with new_folder(options["output"], options["force"]) as folder:
+    with new_folder(options["output"], options["force"], RENDERED) as folder:
         scans, seconds = _write(folder, scene, rig, faults, trip, options)
         _write_truth(folder / "truth", scene, rig, trip, scans, _command_line(context))
     if not options["quiet"]:

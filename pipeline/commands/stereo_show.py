@@ -123,13 +123,12 @@ class _Artist:
 
     def range(self, files: Pair) -> tuple[StereoPair, StereoFrame] | Exception:
         """The pair with what was made of it, or why that cannot be."""
-        from pipeline.recordings.base import DamagedFrameError
-        from stereo.errors import StereoError
+        from pipeline.frontend import IMAGE_ERRORS
 
         try:
             pair = files.load()
             return pair, self.ranger.frame(pair)
-        except (DamagedFrameError, StereoError) as error:
+        except IMAGE_ERRORS as error:
             return error
 
     def draw(self, number: int, pair: StereoPair, frame: StereoFrame) -> tuple[np.ndarray, str]:

@@ -53,9 +53,9 @@ def view_command(
 
     need("view", "view")
     from pipeline.commands.libraries import use_threads
-    from pipeline.commands.live_screen import until_interrupted
     from pipeline.new_files import check_free
     from pipeline.run_folder import open_run
+    from pipeline.signals import until_interrupted
 
     if save is not None:
         check_free([save], force)

@@ -35,8 +35,10 @@ def _rate(rig: LiveRig, seen: Watched) -> Check:
     size = seen.size()
     found = f"{size[0]}x{size[1]} at {rate:.1f} pairs a second" if size else f"{rate:.1f} pairs/s"
     dropped = sum(counts["dropped"] for counts in seen.cameras.counts.values())
-    if dropped or seen.cameras.lonely > 2:
+    backwards = seen.cameras.backwards
+    if dropped or backwards or seen.cameras.lonely > 2:
         found += f", {dropped} images lost, {seen.cameras.lonely} without a partner"
+        found += f", {backwards} pairs stamped no later than the one before" if backwards else ""
         return Check("cameras", WARN, found, "a bus of its own for each camera, or fewer a second")
     if rate < SLOW * rig.cameras.fps:
         found += f" of {rig.cameras.fps:g} wanted"

@@ -11,7 +11,6 @@ skipped.
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import threading
 import time
@@ -28,7 +27,7 @@ from odometry.live import LiveOdometry
 from pipeline.checkpoint import NOTHING, Observations
 from pipeline.errors import InputError
 from pipeline.fitting import with_body
-from pipeline.folders import check_target, replace_files
+from pipeline.folders import forget_earlier, put_back, replace_files, set_aside
 from pipeline.live.capture import Session, capture
 from pipeline.live.devices import LiveRig
 from pipeline.live.events import MapEvent, OnMap, OnPose
@@ -37,6 +36,7 @@ from pipeline.live.mapping_thread import LiveMapper
 from pipeline.live.status import Status
 from pipeline.live.warm_up import warm_up
 from pipeline.motion import LOOKING, looking
+from pipeline.output_lock import unmake
 from pipeline.recordings import open_recording
 from pipeline.results import write_results
 from pipeline.rig import NO_MOUNT
@@ -54,16 +54,18 @@ TICK = 0.05  # s between looks at what the threads do
 @dataclass
 class LiveOptions:
     """settings, seed: as of `map`; duration: ends by itself after so many seconds; stop: ends it
-    when set; known: where observations are kept for `--resume`; facts: for run.json; begin: a map
-    to go on in; motion: "encoders", "visual" or "fused"; watcher: who looks on."""
+    when set; opened: called when all devices are open, before anything is taken; it returns where
+    observations are kept for `--resume`; facts: for run.json; begin: a map to go on in; places:
+    those marked in it; motion: "encoders", "visual" or "fused"; watcher: who looks on."""
 
     settings: Settings
     seed: int = 1
     duration: float | None = None
     stop: threading.Event = field(default_factory=threading.Event)
-    known: Observations = NOTHING
+    opened: Callable[[], Observations] = lambda: NOTHING
     facts: dict[str, Any] = field(default_factory=dict)
     begin: KnownMap | None = None
+    places: list[dict[str, Any]] = field(default_factory=list)
     motion: str = "fused"
     watcher: Watcher = NOBODY
 
@@ -82,7 +84,8 @@ def live_run(
     tell: Callable[[str], None] = _ignore,
     on_status: Callable[[Status], None] = _ignore,
 ) -> dict[str, Any]:
-    """Map live into `output`, which exists; record into `recording`. The content of run.json.
+    """Map live into `output`, which exists when `options.opened` was called; record into
+    `recording`. The content of run.json.
 
     on_pose, on_map: called from the threads that map and save; they must not wait.
 
@@ -108,6 +111,7 @@ def live_run(
 
     warm_up(stereo_rig, settings, looks=options.motion in LOOKING)
     with capture(rig, recording, settings.odometry, tell, settings.mapping.cell) as session:
+        known = options.opened()
         saver = MapSaver(output, saved)
         motion = _motion(rig, stereo_rig, session, options)
         mapper = LiveMapper(
@@ -115,13 +119,14 @@ def live_run(
             motion,
             settings,
             options.seed,
-            options.known,
+            known,
             saver,
             on_pose,
             session.note,
             options.begin,
             watcher,
         )
+        mapper.run.earlier_places = options.places
         session.sinks += [watcher.captured, mapper.offer]
         mapper.start()
         session.start()
@@ -131,11 +136,12 @@ def live_run(
             session.stop()
             run = mapper.finish()
             saver.close()
-    facts = {**options.facts, "odometry": motion.report(), **_counts(session, mapper, saver)}
-    run.seconds["total"] = time.perf_counter() - begin
-    arguments = [str(recording), "--motion", options.motion]
-    origin = Origin(output, recording, arguments, pairs=lambda: open_recording(recording).pairs)
-    summary = save_results(output, run, settings, facts, origin=origin)
+        facts = {**options.facts, "odometry": motion.report(), **_counts(session, mapper, saver)}
+        run.seconds["total"] = time.perf_counter() - begin
+        arguments = [str(recording), "--motion", options.motion]
+        origin = Origin(output, recording, arguments, pairs=lambda: open_recording(recording).pairs)
+        # Before the devices are closed: a driver that crashes then costs no map.
+        summary = save_results(output, run, settings, facts, origin=origin)
     watcher.ended(run)
     error = mapper.error or (InputError(session.recorder.error) if session.recorder.error else None)
     if error is not None:
@@ -176,13 +182,8 @@ def _watch(
 
 
 def _counts(session: Session, mapper: LiveMapper, saver: MapSaver) -> dict[str, Any]:
-    report = session.camera.report()
-    recorder = session.recorder
     return {
-        "cameras": {**report.counts, "pairs": report.pairs, "lonely": report.lonely},
-        "skew_ms": [round(v, 3) for v in report.skew_ms],
-        "encoders": session.encoders.report() if session.encoders else {},
-        "recorded": {**recorder.counts, "slowest_sync_s": round(recorder.slowest_sync, 3)},
+        **session.report(),
         "pairs_skipped": mapper.skipped,
         "pair_to_pose_s": _spread(mapper.latencies),
         "map_to_file_s": _spread(saver.latencies),
@@ -215,6 +216,7 @@ def save_results(
         partial.mkdir()
         summary = write_results(partial, run, settings, truth, facts, origin)
         replace_files(partial, output, "run.json")
+        forget_earlier(output)
     except OSError as error:
         raise InputError(
             f"{output}: the results cannot be written ({error.strerror or error}): the map saved "
@@ -223,20 +225,27 @@ def save_results(
     return summary
 
 
-def begin_output(output: Path, force: bool, asked: dict[str, Any]) -> None:
-    """An empty result folder with a run.json that says that the run is going on.
+def begin_output(output: Path, asked: dict[str, Any]) -> None:
+    """A result folder with a run.json that says that the run is going on; what stood there is set
+    aside until there are results.
 
     Raises:
-        InputError: as `check_target`, or it cannot be made.
+        InputError: it cannot be made.
     """
-    check_target(output, force)
     try:
-        if output.is_dir() and any(output.iterdir()):
-            old = output.with_name(f".{output.name}.old-{os.getpid()}")
-            os.rename(output, old)
-            shutil.rmtree(old)
         output.mkdir(parents=True, exist_ok=True)
+        set_aside(output)
         text = json.dumps({**asked, "partial": True, "live": True}, indent=2)
         (output / "run.json").write_text(text + "\n", encoding="utf-8")
     except OSError as error:
         raise InputError(f"{output}: cannot be written ({error.strerror})") from None
+
+
+def abandon_output(output: Path) -> None:
+    """After a run that failed: where it saved no map the folder is as it was before."""
+    if (output / "map.yaml").exists() or not (output / "run.json").exists():
+        return
+    (output / "run.json").unlink()
+    (output / "checkpoint").unlink(missing_ok=True)
+    put_back(output)
+    unmake([output])

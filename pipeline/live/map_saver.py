@@ -15,7 +15,7 @@ from mapping.grid import OccupancyGrid
 from pipeline.folders import replace_files
 from pipeline.live.events import MapEvent, OnMap
 from pipeline.map_files import write_map_server, write_npz
-from pipeline.places import located, write_places
+from pipeline.places import run_places, write_places
 from pipeline.trajectory import Trajectory, write_tum
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ class Snapshot:
         """What a run knows now; in the thread that maps."""
         mapper, ready = run.mapper, time.monotonic()
         path = mapper.path()
-        places = located(run.places, mapper.stamps, path)
+        places = run_places(run, path)
         trajectory = Trajectory(np.array(mapper.stamps, np.int64), path)
         filter_ = mapper.filter
         particles = np.roll(filter_.poses, -filter_.best, axis=0)

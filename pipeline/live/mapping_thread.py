@@ -12,17 +12,16 @@ from mapping.known_map import KnownMap
 from mapping.mapper import HierarchicalMapper
 from pipeline.checkpoint import Observations
 from pipeline.errors import InputError
-from pipeline.frontend import observe
+from pipeline.frontend import IMAGE_ERRORS, observe
 from pipeline.live.events import OnPose, PoseEvent
 from pipeline.live.map_saver import MapSaver, Snapshot
 from pipeline.motion_told import told
-from pipeline.recordings.base import DamagedFrameError, Pair
+from pipeline.recordings.base import Pair
 from pipeline.run import MapRun, Stepper, make_ranger, show, take
 from pipeline.seeing import AnyMotion, move
 from pipeline.settings import Settings
 from pipeline.watcher import NOBODY, Watcher
 from stereo.camera import CapturedPair
-from stereo.errors import StereoError
 
 # Pairs that wait; when one more comes the oldest is skipped: a late pose is of little use.
 WAITING = 32
@@ -147,7 +146,7 @@ class LiveMapper:
             return
         try:
             loaded = pair.load()
-        except (StereoError, DamagedFrameError):
+        except IMAGE_ERRORS:
             return  # damaged: counted when it is observed
         height, width = loaded.left.shape[:2]
         if (width, height) != tuple(self._rig.image_size):

@@ -45,13 +45,7 @@ def record_run(
                 status.measure(now - last)
                 on_status(status)
                 last = now
-    report = session.camera.report()
     recorder = session.recorder
     if recorder.error is not None:
         raise InputError(recorder.error)
-    return {
-        "recorded": {**recorder.counts, "slowest_sync_s": round(recorder.slowest_sync, 3)},
-        "cameras": {**report.counts, "pairs": report.pairs, "lonely": report.lonely},
-        "skew_ms": [round(v, 3) for v in report.skew_ms],
-        "encoders": session.encoders.report() if session.encoders else {},
-    }
+    return session.report()

@@ -31,13 +31,14 @@ Tell = Callable[[str], None]
 class Recorder:
     """Writes pairs, readings and notes until it is closed; a context manager.
 
-    counts: pairs recorded; `dropped`: pairs that found no place in the queue. error: why it
+    counts: pairs recorded; `dropped`: pairs that were not, because the queue was full or the
+    disk failed; `notes_lost`: notes that found no place. error: why it
     stopped, in words, when the disk is full or fails; what was written is kept.
     """
 
     def __init__(self, files: RecordingFiles, tell: Tell, reserve: int = RESERVE) -> None:
         self.files = files
-        self.counts: Counter[str] = Counter(pairs=0, dropped=0)
+        self.counts: Counter[str] = Counter(pairs=0, dropped=0, notes_lost=0)
         self.error: str | None = None
         self.slowest_sync = 0.0
         self._tell = tell
@@ -45,6 +46,7 @@ class Recorder:
         self._tap: Tap | None = None
         self._waiting: queue.Queue[CapturedPair] = queue.Queue(WAITING)
         self._notes: deque[tuple[int, str]] = deque(maxlen=MOST_NOTES)
+        self._lock = threading.Lock()
         self._stop = threading.Event()
         self._writer = threading.Thread(target=self._write, name="recorder", daemon=True)
         self._syncer = threading.Thread(target=self._sync, name="sync", daemon=True)
@@ -74,12 +76,17 @@ class Recorder:
             except queue.Full:
                 if not self.counts["dropped"]:
                     self._tell("the disk is too slow: pairs are lost (give fewer or a faster one)")
-        self.counts["dropped"] += 1
+        self._drop()
         return False
 
     def note(self, stamp: int, text: str) -> None:
         """Write down what happened."""
+        self.counts["notes_lost"] += len(self._notes) == MOST_NOTES
         self._notes.append((stamp, text))
+
+    def drain(self) -> None:
+        """Wait until every pair that was taken is written, or lost: `counts` is then final."""
+        self._waiting.join()
 
     @property
     def backlog(self) -> int:
@@ -105,13 +112,22 @@ class Recorder:
                 pair = self._waiting.get(timeout=0.0 if last else TICKS_EVERY)
             except queue.Empty:
                 pair = None
+            written = self.counts["pairs"]
             if self.error is None:
                 try:
                     self._take(pair)
                 except OSError as error:
                     self._fail(error)
+            if pair is not None:
+                if self.counts["pairs"] == written:
+                    self._drop()
+                self._waiting.task_done()
             if pair is None and last:
                 return
+
+    def _drop(self) -> None:
+        with self._lock:
+            self.counts["dropped"] += 1
 
     def _take(self, pair: CapturedPair | None) -> None:
         if self._tap is not None:

@@ -5,17 +5,19 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from pipeline.errors import InputError
-from pipeline.folders import check_target, new_folder
+from pipeline.folders import Kind, check_target, has, new_folder
 from pipeline.new_files import check_free, new_files
 from pipeline.ros.types import CAMERA_INFO, typestore
 
 ENDINGS = (".mcap", ".bag")
 # The metadata that every distribution since Humble reads.
 METADATA = 8
+MARK_REACH = 1 << 16  # bytes from the end of an MCAP file in which its metadata are
 
 
 class BagWriter:
@@ -69,7 +71,9 @@ class BagWriter:
 
         mcap = self._target.suffix == ".mcap"
         plugin = StoragePlugin.MCAP if mcap else StoragePlugin.SQLITE3
-        return Writer(self._folder / self._target.stem, version=METADATA, storage_plugin=plugin)
+        writer = Writer(self._folder / self._target.stem, version=METADATA, storage_plugin=plugin)
+        writer.set_custom_data("beemap", version("beemap"))
+        return writer
 
     def _announce(self, topic: str, kind: str, latched: bool) -> Any:
         if self.version == 1:
@@ -99,14 +103,34 @@ def check_bag(target: Path, force: bool) -> None:
         InputError: an ending that names no container; it is there and `force` is off.
     """
     if not target.suffix:
-        check_target(target, force)
+        check_target(target, force, _kind(target))
     elif target.suffix in ENDINGS:
         check_free([target], force)
+        if target.suffix == ".mcap" and target.exists() and not _marked(target):
+            raise InputError(
+                f"{target}: is not a bag that beemap wrote: recordings are never replaced: choose "
+                "another name"
+            )
     else:
         raise InputError(
             f"{target}: give a name that ends in .mcap or in .bag, or one without an ending for "
             "the folder of a ROS 2 bag (sqlite3)"
         )
+
+
+def _marked(file: Path) -> bool:
+    """Whether an MCAP file carries our mark, which stands near its end."""
+    with file.open("rb") as opened:
+        opened.seek(max(0, file.stat().st_size - MARK_REACH))
+        return b"beemap" in opened.read()
+
+
+def _kind(target: Path) -> Kind:
+    """The folder of a ROS 2 bag that beemap wrote; a recorded one is not replaced."""
+    name = target.resolve().name
+    return Kind(
+        "a bag that beemap wrote", ("metadata.yaml", f"{name}.db3"), has("metadata.yaml", "beemap")
+    )
 
 
 @contextmanager
@@ -121,7 +145,7 @@ def new_bag(target: Path, force: bool) -> Iterator[BagWriter]:
         with new_files([target], force) as partial, BagWriter(partial / target.name) as writer:
             yield writer
         return
-    with new_folder(target, force) as partial:
+    with new_folder(target, force, _kind(target)) as partial:
         inner = partial / target.resolve().name
         with BagWriter(inner) as writer:
             yield writer

@@ -124,7 +124,11 @@ def loss_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     for key, value in summary.get("odometry", {}).items():
         if value and key.startswith(("ticks_", "tick_gaps", "longest", "poses_skipped")):
             rows.append((f"odometry: {key.replace('_', ' ')}", f"{value:g}"))
+    cameras = summary.get("cameras", {})
     late = {
+        "images without a partner": cameras.get("lonely", 0),
+        "pairs that nobody took in time": cameras.get("late", 0),
+        "pairs stamped no later than the one before": cameras.get("backwards", 0),
         "pairs that mapping was too late for": summary.get("pairs_skipped", 0),
         "pairs that the disk was too slow for": summary.get("recorded", {}).get("dropped", 0),
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import time
 import uuid
@@ -10,6 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from pipeline.errors import InputError
+from pipeline.folders import remove_result
 
 # What marks a folder of ours, by a file of that name (.txt), and how it is called.
 KINDS = {"experiment": "an experiment", "batch": "a batch"}
@@ -36,11 +38,20 @@ def open_folder(folder: Path, kind: str, name: str, force: bool) -> None:
         if force:
             (folder / "rows.csv").unlink(missing_ok=True)
             for run in folder.glob("*/run.json"):
-                shutil.rmtree(run.parent)
+                if not run.parent.is_symlink() and _is_ours(run):
+                    remove_result(run.parent)
             for log in folder.glob("*.checkpoint"):
                 log.unlink()
     folder.mkdir(parents=True, exist_ok=True)
     mark.write_text(f"{name}\n", encoding="utf-8")
+
+
+def _is_ours(run: Path) -> bool:
+    """Whether a batch made the result: a user's own run in the folder has no key."""
+    try:
+        return "key" in json.loads(run.read_text(encoding="utf-8"))
+    except (OSError, ValueError, TypeError):
+        return False
 
 
 @contextmanager

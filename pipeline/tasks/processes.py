@@ -100,7 +100,7 @@ class _Worker:
         context = multiprocessing.get_context("spawn")
         self.pipe, its_end = context.Pipe()
         self.process = context.Process(target=_serve, args=(its_end, work, threads), daemon=True)
-        # Ctrl-C reaches the whole group of processes; the parent decides what becomes of it.
+        # Such signals reach the whole group of processes; the parent decides what becomes of it.
         with _without_interrupts():
             self.process.start()
         its_end.close()
@@ -134,8 +134,9 @@ def _serve(pipe: connection.Connection, work: Callable[[Any], Any], threads: int
 
 @contextmanager
 def _without_interrupts() -> Iterator[None]:
-    """What is started within never hears of Ctrl-C; here one is late by that long."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    """What is started within never hears of Ctrl-C or of a terminal that closes; here one is late
+    by that long."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT, signal.SIGHUP])
     try:
         yield
     finally:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import signal
 import sys
-import threading
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 from pipeline.extras import need
+from pipeline.signals import handled
 from pipeline.tasks.processes import run_in_processes
 from pipeline.tasks.task import Failure
 
@@ -90,22 +90,19 @@ def shares(jobs: int | None, threads: int | None, tasks: int) -> tuple[int, int]
 
 @contextmanager
 def _signals_end() -> Iterator[None]:
-    """Ctrl-C and SIGTERM end the program by way of the `finally` that ends its workers, even in a
-    program that was started in the background, where a shell has Ctrl-C ignored."""
+    """Ctrl-C, SIGTERM and a terminal that closes end the program by way of the `finally` that ends
+    its workers, even in a program that was started in the background, where a shell has Ctrl-C
+    ignored."""
 
     def leave(number: int, frame: Any) -> None:
-        sys.exit(128 + number)
+        if number == signal.SIGTERM:
+            sys.exit(128 + number)
+        if number == signal.SIGHUP:  # a second one must not break off the ending
+            signal.signal(number, signal.SIG_IGN)
+        raise KeyboardInterrupt
 
-    if threading.current_thread() is not threading.main_thread():
-        yield  # only the main thread may choose
-        return
-    chosen = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: leave}
-    before = {number: signal.signal(number, handler) for number, handler in chosen.items()}
-    try:
+    with handled(leave):
         yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def _cores() -> int:
