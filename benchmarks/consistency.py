@@ -20,14 +20,17 @@ import numpy as np
 from benchmarks.rendered import cache
 from benchmarks.report import OFFICE
 from benchmarks.stereo_end_to_end import OPTIONS
+from mapping.mapper import HierarchicalMapper
 from odometry.motion import Motion, compose, inverse, wrap_angle
 from pipeline.experiments.report import machine, markdown_table
 from pipeline.fused_motion import FusedMotion
+from pipeline.job import recording_job
 from pipeline.motion import motion_of
 from pipeline.recordings import open_recording
 from pipeline.recordings.base import Recording
 from pipeline.settings import Settings
 from pipeline.visual_motion import VisualMotion
+from stereo.scan import RangeScan
 
 FACTOR = 1.5  # of the dimension, within which the mean must be
 ROOMS = ("office", "clutter", "corridor", "glass")
@@ -36,6 +39,11 @@ STREET = Path("recordings/kitti-street")
 # and the direction of travel differs from the camera's by a constant quarter of a degree.
 STREET_SKIP = 12
 HEADER = ("recording", "motion", "step", "1 s", "5 s", "20 steps", "standard deviation over error")
+MAPPED_HEADER = (
+    *("recording", "matched: step", "5 steps", "20 steps"),
+    *("pose served", "standard deviation over error"),
+)
+BEGINNINGS = (0.0, 0.25, 0.5)  # as a share of the recording
 
 
 def main(arguments: Sequence[str] = ()) -> str:
@@ -45,13 +53,14 @@ def main(arguments: Sequence[str] = ()) -> str:
     parser.add_argument("--motion", action="append", choices=("encoders", "visual", "fused"))
     given = parser.parse_args(list(arguments))
     cv2.setNumThreads(1)
-    rows = []
+    rows, mapped = [], []
     for path in given.recordings or _recordings():
         recording = open_recording(path)
         wheels = recording.ticks is not None or recording.odometry is not None
         for choice in given.motion or ("visual", "fused"):
             if choice == "visual" or wheels:
                 rows += _rows(recording, choice)
+        mapped.append([recording.path.name, *_mapped(recording)])
     return "\n\n".join(
         [
             "## Covariances of motion: `python -m benchmarks.consistency`",
@@ -59,6 +68,10 @@ def main(arguments: Sequence[str] = ()) -> str:
             f"settings; 3 is right, {3 / FACTOR:g} to {3 * FACTOR:g} asked for. Last column: x, y, "
             "heading of one step, root mean squares.",
             markdown_table(HEADER, rows),
+            "The same after scan matching (observation to observation), and of the pose served: "
+            "its error from where a run begins, where local maps close, over runs begun at "
+            f"{len(BEGINNINGS)} places; standard deviations of x, y, heading, root mean squares.",
+            markdown_table(MAPPED_HEADER, mapped),
         ]
     )
 
@@ -95,7 +108,6 @@ def nees(
 def motions_of(recording: Recording, choice: str) -> tuple[list[Motion], np.ndarray]:
     """Steps (n,) of a motion by default settings, and the true poses (n + 1, 3) of their ends."""
     assert recording.rig is not None
-    assert recording.poses is not None, f"{recording.path}: holds no truth"
     source = motion_of(choice, recording, recording.rig, Settings(), seed=1)
     motions = []
     for files in recording.pairs:
@@ -104,11 +116,68 @@ def motions_of(recording: Recording, choice: str) -> tuple[list[Motion], np.ndar
         else:
             motions.append(source.until(files.stamp))
     known = [motion for motion in motions if motion is not None]
-    stamps = [motion.last for motion in known]
+    return known[1:], _true_poses(recording, [motion.last for motion in known])
+
+
+def _true_poses(recording: Recording, stamps: Sequence[int]) -> np.ndarray:
+    """True poses (n, 3) at the stamps (n,) [ns]."""
+    assert recording.poses is not None, f"{recording.path}: holds no truth"
     poses = recording.poses.poses.copy()
     poses[:, 2] = np.unwrap(poses[:, 2])
     truth = [np.interp(stamps, recording.poses.stamps, column) for column in poses.T]
-    return known[1:], np.column_stack(truth)
+    return np.column_stack(truth)
+
+
+class Watched(HierarchicalMapper):
+    """Keeps the matched motions, and the poses served where local maps closed."""
+
+    def __init__(self, settings: Settings) -> None:
+        super().__init__(settings.mapping, seed=1)
+        self.matched: list[Motion] = []
+        self.served: list[Motion] = []
+
+    def observe(self, scan: RangeScan) -> None:
+        """As the mapper; between two closings matched motion adds up in the local mapper."""
+        closed, before = len(self.filter.health), self.local_mapper.move
+
+        def move(motion: Motion) -> None:
+            self.matched.append(motion)
+            before(motion)
+
+        self.local_mapper.move = move  # pyright: ignore[reportAttributeAccessIssue]
+        super().observe(scan)
+        del self.local_mapper.move
+        if len(self.filter.health) > closed:
+            stamp = self.stamps[-1]
+            self.served.append(Motion(self.pose, self.covariance, self.stamps[0], stamp))
+
+
+def _mapped(recording: Recording) -> list[str]:
+    """Matched motion and the pose served, by the motion that is the default."""
+    settings = Settings()
+    job = recording_job(recording, None, None, settings, seed=1, threads=1)
+    looks = [look for look in job.looks() if look.motion is not None]
+    matched, squared, errors, variances = [], [], [], []
+    for beginning in BEGINNINGS:
+        mapper = Watched(settings)
+        for k, (stamp, motion, scan) in enumerate(looks[int(beginning * len(looks)) :]):
+            assert motion is not None
+            mapper.move(motion if k else Motion.none(stamp))
+            if scan is not None:
+                mapper.observe(scan)
+        matched = matched or mapper.matched[1:]
+        for pose in mapper.served:
+            start, end = _true_poses(recording, [pose.first, pose.last])
+            error = pose.increment - compose(inverse(start), end)
+            error[2] = wrap_angle(error[2])
+            squared.append(error @ np.linalg.solve(pose.covariance, error))
+            errors.append(error)
+            variances.append(np.diag(pose.covariance))
+    truth = _true_poses(recording, [matched[0].first, *(motion.last for motion in matched)])
+    figures = [f"{nees(matched, truth, count)[0]:.1f}" for count in (1, 5, 20)]
+    rms, sigma = (np.sqrt(np.mean(part, axis=0)) for part in (np.square(errors), variances))
+    ratio = ", ".join(f"{share:.1f}" for share in sigma / rms)
+    return [*figures, f"{np.mean(squared):.1f}", ratio]
 
 
 def fitted_yaw(motions: Sequence[Motion], truth: np.ndarray) -> float:

@@ -27,7 +27,7 @@ from simulation.drive import drive
 from simulation.scene import load_scene
 from simulation.wheels import MINIBEE_ENCODERS, WheelNoise
 
-ROOMS = ("office", "clutter", "corridor")
+ROOMS = ("office", "clutter", "corridor", "glass")
 # Single scans with their matched proposal take several times as long: fewer seeds.
 SEEDS = {"hierarchical": range(1, 11), "per-scan": range(1, 4)}
 DURATION = 180.0  # s: 60 m of path
@@ -68,12 +68,12 @@ def _row(filmed: Path, room: str, method: str) -> list[str]:
     for seed in SEEDS[method]:
         with tempfile.TemporaryDirectory() as temporary:
             recording, run = Path(temporary) / "recording", Path(temporary) / "run"
-            _driven_anew(filmed, recording, PRESETS[room], seed)
+            driven_anew(filmed, recording, PRESETS[room], seed)
             facts = map_recording(recording, run, "--method", method, "--seed", str(seed))
             path = evaluate_path_files(run / "trajectory.tum", run / "truth.tum")
             ates.append(path.ate_rmse)
             length = path.reference_length
-            f1s.append(_f1(run, filmed / "truth" / "seen.yaml"))
+            f1s.append(map_f1(run, filmed / "truth" / "seen.yaml"))
             seconds.append(facts["seconds"]["total"])
     return [
         f"{length:.0f}",
@@ -86,7 +86,7 @@ def _row(filmed: Path, room: str, method: str) -> list[str]:
     ]
 
 
-def _f1(run: Path, ideal: Path) -> float:
+def map_f1(run: Path, ideal: Path) -> float:
     """Of obstacle cells within one cell, the map placed as the SE(2) alignment of its path says.
 
     Least dissimilarity, by which `beemap evaluate map` aligns, runs to the end of its search where
@@ -99,8 +99,8 @@ def _f1(run: Path, ideal: Path) -> float:
     return 2.0 * precision * recall / max(precision + recall, 1e-9)
 
 
-def _driven_anew(filmed: Path, recording: Path, scene: str, seed: int) -> None:
-    """The same images, linked, with the ticks of other wheels."""
+def driven_anew(filmed: Path, recording: Path, scene: str, seed: int) -> Path:
+    """The same images, linked, with the ticks of other wheels; the recording."""
     shutil.copytree(filmed / "mav0", recording / "mav0", copy_function=_link)
     trip = drive(load_scene(scene).route, MINIBEE_ENCODERS, WHEELS, seed, DURATION, RATE)
     table = recording / "mav0" / "odom0" / "data.csv"
@@ -110,6 +110,7 @@ def _driven_anew(filmed: Path, recording: Path, scene: str, seed: int) -> None:
         file.write(header + "\n")
         rows = np.column_stack([trip.tick_stamps, trip.ticks]).tolist()
         csv.writer(file, lineterminator="\n").writerows(rows)
+    return recording
 
 
 def _link(source: str, target: str) -> None:
