@@ -33,7 +33,8 @@ def with_footprint(
     cell = grid.cell
     # Counted from the grid's origin in cells, thinned to what a quarter of a cell tells apart.
     points = (_along(path[:, :2], stamps, cell / SAMPLES) - grid.origin) / cell
-    points = np.unique(np.floor(points * SAMPLES).astype(np.int64), axis=0)
+    # Rounding errors of the path do not decide for a cell where it runs along a border.
+    points = np.unique(np.floor(points * SAMPLES + 1e-6).astype(np.int64), axis=0)
     points = (points + 0.5) / SAMPLES
     reach = math.ceil(radius / cell)
     low = np.floor(points.min(axis=0)).astype(int) - reach

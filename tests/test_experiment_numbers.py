@@ -178,7 +178,8 @@ def test_the_paper_s_settings_are_the_paper_s():
 
 def test_perfect_sensors_give_the_ideal_map_and_the_exact_path(tmp_path):
     one = spec(tiny_world(tmp_path), 1, "mapping.particles=5")
-    perfect = simulate(*place(one.world, None), PaperSettings(positions=37), 1, perfect=True)
+    settings = PaperSettings(positions=one.positions)
+    perfect = simulate(*place(one.world, None), settings, 1, perfect=True)
     mapped = map_run(as_points(perfect.scans), perfect, one.mapping, FILTER_SEED)
     assert mapped.path == pytest.approx(perfect.truth, abs=1e-9)
     ideal = ideal_of(one)

@@ -57,7 +57,7 @@ def test_a_map_as_points(tmp_path):
     assert count == 2
     cloud = import_open3d().io.read_point_cloud(tmp_path / "map.ply")
     np.testing.assert_allclose(np.asarray(cloud.points), [[-0.75, 2.25, 0.0], [0.25, 301.75, 0.0]])
-    np.testing.assert_allclose(np.asarray(cloud.colors)[:, 0], [0.0, 191 / 255])
+    np.testing.assert_allclose(np.asarray(cloud.colors)[:, 0], [0.0, 1.0])
     assert write_ply(tmp_path / "map.ply", []) == 0
     assert b"element vertex 0\n" in (tmp_path / "map.ply").read_bytes()
 

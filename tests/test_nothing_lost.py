@@ -159,6 +159,15 @@ def test_a_lock_leaves_nothing_behind(tmp_path):
 # Signals and terminals
 
 
+@pytest.fixture
+def hangups():
+    """SIGHUP is not ignored, as it is where the tests run under nohup."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGHUP, before)
+
+
+@pytest.mark.usefixtures("hangups")
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_ends_map_with_the_results_so_far(tmp_path, number):
     """SIGHUP comes as it does when a terminal closes: twice, and nobody reads any more."""
@@ -184,6 +193,7 @@ def test_a_signal_ends_map_with_the_results_so_far(tmp_path, number):
         os.close(ours)
 
 
+@pytest.mark.usefixtures("hangups")
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_elsewhere_removes_what_was_made_for_the_time_being(
     beemap, tmp_path, monkeypatch, number

@@ -232,10 +232,13 @@ def test_an_existing_folder_is_refused_without_force(scene_file, tmp_path):
     arguments = ("-o", str(tmp_path), "--scene", str(scene_file), "--duration", "0")
     with pytest.raises(InputError, match="--force"):
         run(*arguments)
+    with pytest.raises(InputError, match="holds other things"):
+        run(*arguments, "--size", "80x60", "--force")
     assert (tmp_path / "kept").read_text() == "mine"
-    run(*arguments, "--size", "80x60", "--force")
-    assert not (tmp_path / "kept").exists()
-    assert len(asl.read(tmp_path).pairs) == 1
+    arguments = ("-o", str(tmp_path / "rec"), *arguments[2:], "--size", "80x60")
+    run(*arguments)
+    run(*arguments, "--force")
+    assert len(asl.read(tmp_path / "rec").pairs) == 1
 
 
 @pytest.mark.parametrize("size", ["320", "320x200", "0x0", "axb"])
