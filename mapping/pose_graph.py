@@ -48,6 +48,12 @@ class Measurements:
         """The same, the poses numbered from `by` on."""
         return replace(self, base=self.base + by, other=self.other + by)
 
+    def only(self, chosen: np.ndarray) -> Measurements:
+        """Those that are chosen, (m,) bool."""
+        return Measurements(
+            self.base[chosen], self.other[chosen], self.relative[chosen], self.information[chosen]
+        )
+
     def followed_by(self, more: Measurements) -> Measurements:
         """These, then `more`."""
         return Measurements(
@@ -67,7 +73,7 @@ def relax(poses: np.ndarray, sure: Measurements, doubtful: Measurements) -> np.n
     poses = poses.copy()
     for _ in range(MOST_STEPS):
         error, by_base, by_other = _linearised(poses, measured)
-        squared = np.einsum("mi,mij,mj->m", error, measured.information, error)
+        squared = _squared(error, measured)
         weight = 1.0 / (1.0 + squared / CAUCHY)
         weight[: len(sure.base)] = 1.0
         weighted = weight[:, None, None] * measured.information
@@ -78,6 +84,16 @@ def relax(poses: np.ndarray, sure: Measurements, doubtful: Measurements) -> np.n
         if np.abs(step).max(initial=0.0) < SETTLED:
             break
     return poses
+
+
+def contradictions(poses: np.ndarray, measured: Measurements) -> np.ndarray:
+    """Normalised squared errors (m,) of the measurements at poses (n, 3): 3 on average where
+    poses and covariances are true."""
+    return _squared(_linearised(poses, measured)[0], measured)
+
+
+def _squared(error: np.ndarray, measured: Measurements) -> np.ndarray:
+    return np.einsum("mi,mij,mj->m", error, measured.information, error)
 
 
 def _solve(n: int, sides: Sides, information: np.ndarray, error: np.ndarray) -> np.ndarray:

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import mapping.smoothing
 from mapping.local_cells import PackedCells, classify
 from mapping.mapper import HierarchicalMapper
 from mapping.pose_graph import Measurements, relax
@@ -207,6 +208,76 @@ def test_the_map_drawn_anew_along_the_best_particles_path_is_that_particles_map(
     (drawn, _), kept = mapper.filter.redrawn(mapper.filter.path()), mapper.filter.grid()
     assert drawn.origin == kept.origin
     np.testing.assert_array_equal(drawn.probability, kept.probability)
+
+
+def sure_of(motion, count):
+    """The same motion `count` times in a row."""
+    first = np.arange(count)
+    return Measurements(
+        first,
+        first + 1,
+        np.tile(motion.increment, (count, 1)),
+        np.tile(np.linalg.inv(motion.covariance), (count, 1, 1)),
+    )
+
+
+def test_a_set_of_false_loops_that_agree_with_each_other_does_not_bend_the_path(monkeypatch):
+    """Two like rooms: every window of the second matches one of the first."""
+    true = np.column_stack([np.arange(31.0), np.zeros(31), np.zeros(31)])
+    motion = Motion(np.array([1.0, 0.0, 0.0]), np.diag([0.03, 0.03, 0.01]) ** 2)
+    surfaces = [Surface(np.zeros((40, 2)), 0.2, np.zeros(3), motion) for _ in range(30)]
+    first = np.arange(12)
+    false = Measurements(
+        first,
+        first + 18,
+        np.tile([15.0, 0.0, 0.0], (12, 1)),  # 18 m by the motion
+        np.tile(np.diag([6400.0, 6400.0, 40_000.0]), (12, 1, 1)),
+    )
+
+    def match_surfaces(surfaces, nodes, *_):
+        return false if nodes[-1, 0] < 28.0 else Measurements.none()
+
+    monkeypatch.setattr(mapping.smoothing, "match_surfaces", match_surfaces)
+    start = true.copy()
+    start[19:, 0] -= 3.0  # where the filter went wrong
+    believed = relax(start, sure_of(motion, 30), false.shifted(1))
+    assert believed[-1, 0] < 28.0, "single weights refuse them"
+    np.testing.assert_allclose(mapping.smoothing.smooth(surfaces, start, CELL), true, atol=1e-6)
+
+
+def test_smoothing_by_which_less_matches_is_refused(monkeypatch):
+    settings = MappingSettings(particles=20, window=5)
+    mapper = HierarchicalMapper(settings, 1)
+    true = round_the_room(150, 0.17)
+
+    def bent(path):
+        return compose(
+            path, np.column_stack([np.zeros((len(path), 2)), 0.02 * np.arange(len(path))])
+        )
+
+    monkeypatch.setattr(mapper, "_bent", bent)
+    fed(mapper, drive(true, (0.01, 0.005), 3))
+    assert not mapper.smoothed
+    off = compose(align(mapper.path(), true), mapper.path()) - true
+    assert np.hypot(off[:, 0], off[:, 1]).mean() < 0.1
+
+
+def test_a_match_of_windows_is_no_better_than_their_motion():
+    rng = np.random.default_rng(1)
+    corner = np.concatenate(
+        [np.column_stack([np.arange(0, 3, 0.05), np.zeros(60)]),
+         np.column_stack([np.zeros(60), np.arange(0, 3, 0.05)])]
+    )  # fmt: skip
+    drift = np.diag([0.2, 0.1, 0.05]) ** 2
+    for covariance in (np.zeros((3, 3)), drift):
+        motion = Motion(np.zeros(3), covariance)
+        views = [corner + 0.01 * rng.standard_normal(corner.shape) for _ in range(2)]
+        surfaces = [Surface(view, 1.0, np.zeros(3), motion) for view in views]
+        found = match_surfaces(surfaces, np.zeros((2, 3)), CELL, CELL)
+        least = np.diag(SHARED_ERROR**2) + covariance
+        known = np.linalg.inv(found.information[0])
+        assert np.linalg.eigvalsh(known - least).min() > -1e-9
+        assert np.all(np.diag(known) < 2.0 * np.diag(least))
 
 
 def test_cells_are_packed_without_loss():
