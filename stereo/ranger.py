@@ -41,11 +41,17 @@ class StereoFrame:
     support: np.ndarray
 
 
+# Ranges with a standard deviation of so many times the usable one are unknown. Half of the ranges
+# at `max_range` are somewhat less certain than usable; what is far less so only blurs the map.
+UNKNOWN_BEYOND = 2.0
+
+
 class StereoRanger:
     """Range scans from the raw pairs of one rig.
 
-    max_range: metres; None: where a disparity error of `settings.noise` grows to `usable_sigma`.
-    May be called from several threads at once.
+    usable_sigma: m; max_range: m, None: where a disparity error of `settings.noise` grows to that.
+    A range of more than twice that standard deviation is no measurement: it would be drawn as a
+    dotted line. May be called from several threads at once.
     """
 
     def __init__(
@@ -81,6 +87,7 @@ class StereoRanger:
         self.rectify = Rectifier(rig, heights, factor / disparities, joined)
         self.camera = self.rectify.camera
         self.match = DisparityMatcher(self.camera, settings)
+        self.max_sigma = UNKNOWN_BEYOND * usable_sigma
         self.max_range = max_range or usable_range(
             self.camera.depth_factor, settings.noise, usable_sigma
         )
@@ -102,6 +109,8 @@ class StereoRanger:
             self.match.disparities,
             self.max_range,
         )
+        vague = found.sigma > self.max_sigma
+        found.range[vague] = found.sigma[vague] = np.nan
         columns = np.arange(self.camera.width)
         bearing = np.arctan2(self.camera.cx - columns, self.camera.f)
         x, y, _ = self.camera.position

@@ -95,6 +95,17 @@ def test_the_default_range_is_where_sigma_ceases_to_be_usable():
     assert sigma == pytest.approx(USABLE_SIGMA)
 
 
+def test_a_range_that_is_hardly_known_is_no_measurement(office_piece):
+    recording = open_recording(office_piece)
+    assert recording.rig is not None
+    pair, rig = recording.pairs[0].load(), recording.rig
+    wide, narrow = (StereoRanger(rig, max_range=8.0, usable_sigma=s)(pair) for s in (9.0, 0.05))
+    vague = wide.sigma > 0.1
+    assert 0 < vague.sum() < 0.9 * np.isfinite(wide.range).sum()
+    assert np.isnan(narrow.range[vague]).all()
+    np.testing.assert_array_equal(narrow.range[~vague], wide.range[~vague])
+
+
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
