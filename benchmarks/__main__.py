@@ -11,6 +11,7 @@ from benchmarks import (
     calibration,
     consistency,
     end_to_end,
+    first_map,
     live,
     logs,
     memory,
@@ -45,6 +46,7 @@ stereo = (
 )
 encoders = (serial_faults, wheel_calibration, live, web, batch)
 sections = (
+    first_map,
     end_to_end,
     accuracy,
     *stereo,
