@@ -21,8 +21,8 @@ def wheel_fault_finding(
     if fault.exchanged:
         causes.append("left and right wheel are exchanged")
         remedies.append(
-            "exchange the encoders' plugs, and in what is recorded the columns of the ticks "
-            "(--ticks FILE --ticks-columns time,right,left)"
+            "exchange the encoders' plugs, and map what is recorded with --ticks FILE "
+            "--ticks-columns 1,3,2 --ticks-unit ns, FILE being its mav0/odom0/data.csv"
         )
     if any(fault.reversed):
         both = all(fault.reversed)
