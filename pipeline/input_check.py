@@ -60,6 +60,8 @@ MAX_MENDED = math.radians(6.0)
 SUSPICIOUS, KNOWN_TILT = math.radians(1.0), math.radians(0.3)
 FLOOR_SAMPLES, FLOOR_WIDTH, FLOOR_POINTS = 10, 400, 4000  # pairs, px, disparities: of a glance
 FLOOR_PAIRS = 24  # of a thorough look
+# Rough ground tilts a robot for some seconds: a shorter recording says nothing of the mount [ns].
+MIN_DURATION = 10_000_000_000
 CALIBRATE_MOUNT = "beemap calibrate mount {recording}{rig_option} -o mounted.yaml"
 
 
@@ -122,10 +124,11 @@ def check_input(
 
 class _Looks:
     """Reduced, rectified images of a recording, as if the camera were level; scale: pixels of the
-    camera in one of theirs."""
+    camera in one of theirs; pairs: how many there are."""
 
     def __init__(self, recording: Recording, rig: StereoRig, widest: int = WIDEST) -> None:
         self._pairs = recording.pairs
+        self.pairs = len(recording.pairs)
         small, self._reduce = reduced(rig, widest)
         self.rectify: Rectifier = whole_rectifier(small)
         self.scale = rig.image_size[0] // small.image_size[0]
@@ -170,9 +173,10 @@ def _matches(looks: _Looks, reach: int) -> tuple[list[RowMatches], int]:
     """Of each sampled left image with its right one; and how many frames later the right image
     that fits it better comes, of at most `reach`; 0: none does."""
     together, scores = [], []
-    for number in looks.samples(reach=reach) or looks.samples():
-        steps = range(-reach, reach + 1) if reach <= number else range(1)
-        near = {step: looks.load(number + step) for step in steps if number + step >= 0}
+    reach = max(0, min(reach, (looks.pairs - MIN_PAIRS) // 2))
+    steps = range(-reach, reach + 1)
+    for number in looks.samples(reach=reach):
+        near = {step: looks.load(number + step) for step in steps}
         here = near.get(0)
         if here is None:
             continue
@@ -278,17 +282,20 @@ def _shifted(rig: StereoRig, offset: float, rectify: Rectifier) -> StereoRig:
 def _check_mount(recording: Recording, rig: StereoRig) -> _Fault | None:
     """The floor against the rig's mount: at a glance, and thoroughly where that looks wrong."""
     mount = rig.mount or Mount()
+    pairs = recording.pairs
+    if not pairs or pairs[-1].stamp - pairs[0].stamp < MIN_DURATION:
+        return None
     glance = _glance_at_floor(recording, rig)
     if glance is None or not _tilts(glance, mount, SUSPICIOUS):
         return None
     try:
         # What is damaged is counted when its turn comes.
         aside = replace(recording, skipped={})
-        floor, pairs = look_at_floor(aside, rig, FLOOR_PAIRS, lambda done, total: None)
+        floor, looked = look_at_floor(aside, rig, FLOOR_PAIRS, lambda done, total: None)
     except CalibrationError:
         return None
     tilts = _tilts(replace(mount, pitch=floor.pitch, roll=floor.roll), mount, MAX_TILT)
-    sure = max(floor.sigma[1:]) < KNOWN_TILT and 2 * floor.frames >= pairs
+    sure = max(floor.sigma[1:]) < KNOWN_TILT and 2 * floor.frames >= looked
     if not tilts or not sure:
         return None
     wrong = " and ".join(tilts.values())

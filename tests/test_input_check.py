@@ -63,6 +63,16 @@ def test_a_constant_row_offset_is_mended(office, pixels):
     assert f"{abs(pixels)} px {word} than the left ones: corrected in this run" in finding.line
 
 
+def test_a_few_pairs_are_judged_by_their_rows_alone(office):
+    recording, rig = office
+    recording.pairs = recording.pairs[:8]
+    assert check_input(recording, tilted(rig, pitch=5.0), ORIGIN).findings == []
+    (finding,) = check_input(recording, rows_apart(rig, 1.0), ORIGIN).findings
+    assert "corrected in this run" in finding.text
+    recording.pairs = []
+    assert check_input(recording, rig, ORIGIN).findings == []
+
+
 def test_rows_far_apart_end_the_run_unless_the_user_insists(office):
     recording, rig = office
     wrong = rows_apart(rig, 5.0)
