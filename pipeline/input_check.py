@@ -59,7 +59,7 @@ MAX_MENDED = math.radians(6.0)
 # much [rad].
 SUSPICIOUS, KNOWN_TILT = math.radians(1.0), math.radians(0.3)
 FLOOR_SAMPLES, FLOOR_WIDTH, FLOOR_POINTS = 10, 400, 4000  # pairs, px, disparities: of a glance
-FLOOR_PAIRS = 24  # of a thorough look
+FLOOR_PAIRS = 40  # of a thorough look, as `beemap calibrate mount` takes
 # Rough ground tilts a robot for some seconds: a shorter recording says nothing of the mount [ns].
 MIN_DURATION = 10_000_000_000
 CALIBRATE_MOUNT = "beemap calibrate mount {recording}{rig_option} -o mounted.yaml"
