@@ -44,7 +44,7 @@ def mount_from_floor(
     Raises:
         CalibrationError: no floor is in view, or in too few frames.
     """
-    floor = find_floor(_samples(frames, seed), view, seed)
+    floor = find_floor(drawn_samples(frames, seed), view, seed)
     aligned = align_floor(frames, view, floor)
     values = view.mount(aligned.plane)
     nudges = np.diag(1e-5 * (abs(aligned.plane) + 1e-3))
@@ -60,9 +60,9 @@ def mount_from_floor(
     return FloorMount(*values.tolist(), sigma=tuple(sigma), frames=aligned.frames)
 
 
-def _samples(frames: Sequence[FloorFrame], seed: int) -> np.ndarray:
-    """Pixels and disparities (n, 3), as many from each frame."""
-    each = max(1, SAMPLES // max(len(frames), 1))
+def drawn_samples(frames: Sequence[FloorFrame], seed: int, most: int = SAMPLES) -> np.ndarray:
+    """At most so many pixels and disparities (n, 3) [px], as many from each frame."""
+    each = max(1, most // max(len(frames), 1))
     drawn = []
     for number, frame in enumerate(frames):
         v, u = np.nonzero(frame.disparity > 0)

@@ -49,12 +49,12 @@ class EncoderOdometry:
     def __init__(
         self, ticks: TickLog, parameters: EncoderParameters, settings: OdometrySettings
     ) -> None:
+        self.ticks, self.parameters = ticks, parameters
         usable = _usable(ticks, parameters)
         self._skipped = ticks.skipped
         self._counts = {"out_of_range": int(len(ticks) - usable.sum())}
         self.track, counts = _track(ticks, usable, parameters, settings)
         self._counts |= counts
-        self._parameters = parameters
         self._settings = settings
         self._previous: int | None = None
         self._unanswered = 0
@@ -69,7 +69,7 @@ class EncoderOdometry:
         self._previous = stamp
         if previous is None or previous == stamp:
             return Motion.none(stamp)
-        return self.track.motion(previous, stamp, self._parameters, self._settings)
+        return self.track.motion(previous, stamp, self.parameters, self._settings)
 
     def report(self) -> dict[str, int | float]:
         """Readings used, lines skipped by reason, gaps, and stamps that got no answer."""

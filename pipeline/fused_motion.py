@@ -8,10 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mapping.odometry_witness import OdometryErrors
+from odometry.encoders import EncoderParameters
 from odometry.fusion import GATE, Agreement, SystematicErrors, disagreement, fuse, without
 from odometry.motion import Motion, compose, inverse
 from odometry.poses import PoseOdometry
-from odometry.source import MotionSource
+from odometry.source import EncoderOdometry, MotionSource
+from odometry.wheel_faults import WheelFault, find_wheel_fault
 from pipeline.visual_motion import COASTING, PATIENCE, UNSEEN, UNSEEN_MOST, VisualMotion
 from stereo.pair import StereoPair
 from stereo.tracking import Pyramids
@@ -69,6 +71,7 @@ class FusedMotion:
         self._shown: Pyramids | None = None
         self._same = Motion.none(0)  # of the wheels, while the images stayed the same
         self.slips: list[Slip] = []
+        self._seen: list[Motion] = []  # by the images alone
         self.counts = {
             "fused": 0,
             "wheels_alone": 0,
@@ -118,6 +121,17 @@ class FusedMotion:
         """Whether the wheels' radii and track are ours to calibrate."""
         return not isinstance(self._wheels, PoseOdometry)
 
+    def wheel_fault(self) -> WheelFault | None:
+        """A fault of recorded ticks that explains how the wheels disagree with the images."""
+        if not isinstance(self._wheels, EncoderOdometry):
+            return None
+        return find_wheel_fault(self._wheels.ticks, self._wheels.parameters, self._seen)
+
+    @property
+    def encoders(self) -> EncoderParameters | None:
+        """The wheels as stated, where ticks were recorded."""
+        return self._wheels.parameters if isinstance(self._wheels, EncoderOdometry) else None
+
     def wheel_errors(self) -> OdometryErrors:
         """What the wheels do wrong throughout, against the images."""
         variance = self.errors.covariance.diagonal() + IMAGES**2
@@ -156,6 +170,8 @@ class FusedMotion:
             wheels = None
         if images is not None and images.first != (begun.first or self._previous):
             images = None
+        if images is not None:
+            self._seen.append(images)
         if images is None:
             if wheels is None:
                 return None

@@ -13,6 +13,7 @@ from mapping.known_map import KnownMap
 from odometry.motion import Motion
 from odometry.walk import LEAP, leaps
 from pipeline.checkpoint import Observations
+from pipeline.input_check import check_input
 from pipeline.motion import motion_of, usual_motion
 from pipeline.recordings.base import Recording
 from pipeline.recordings.scan_log import ODDITIES, USUAL, ScanLog
@@ -26,6 +27,7 @@ from pipeline.run import (
     map_recording,
 )
 from pipeline.run_log import look_at_log, map_log
+from pipeline.run_report.origin import Origin
 from pipeline.settings import Settings
 from pipeline.trajectory import Trajectory, read_tum
 from pipeline.watcher import NOBODY, Watcher
@@ -83,13 +85,19 @@ def recording_job(
     seed: int,
     threads: int,
     begin: KnownMap | None = None,
+    origin: Origin | None = None,
+    unchecked: bool = False,
 ) -> Job:
     """A recording with the rig and the motion that the user chose; None: what it holds.
 
+    origin, unchecked: as of `check_input`.
+
     Raises:
-        InputError, RigError: rig or motion are missing or wrong.
+        InputError, RigError: rig or motion are missing or wrong, or the images do not fit the rig.
     """
     rig, notes = choose_rig(recording, rig_file)
+    checked = check_input(recording, rig, origin or Origin.unknown(Path("run")), unchecked)
+    rig = checked.rig
     if motion is None:
         motion, more = usual_motion(recording, rig, settings.odometry)
         notes += more
@@ -102,7 +110,9 @@ def recording_job(
         watcher: Watcher = NOBODY,
     ) -> MapRun:
         done = (progress, interrupted, known, begin, watcher)
-        return map_recording(recording, rig, source, settings, seed, threads, *done)
+        made = map_recording(recording, rig, source, settings, seed, threads, *done)
+        made.told = [*checked.findings, *made.told]
+        return made
 
     def looks() -> Iterator[Look]:
         ranger = make_ranger(rig, settings)

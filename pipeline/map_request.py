@@ -74,7 +74,8 @@ def parse_begin(file: Path | None, pose: str | None) -> Begin | None:
 
 
 class MapRequest(msgspec.Struct, frozen=True):
-    """settings: as YAML, complete; None before the input was opened. chosen: those that nobody set,
+    """right_late: frames by which the right images are late; unchecked: as of `check_input`;
+    settings: as YAML, complete; None before the input was opened. chosen: those that nobody set,
     with the reason. digests: of the files beside the input; versions: of what computes the
     observations."""
 
@@ -85,6 +86,8 @@ class MapRequest(msgspec.Struct, frozen=True):
     seed: int = SEED
     ticks: Ticks | None = None
     begin: Begin | None = None
+    right_late: int = 0
+    unchecked: bool = False
     settings: str | None = None
     chosen: dict[str, str] = msgspec.field(default_factory=dict)
     digests: dict[str, str] = msgspec.field(default_factory=dict)
@@ -106,6 +109,8 @@ class MapRequest(msgspec.Struct, frozen=True):
             opened.ticks = read_tick_table(
                 Path(self.ticks.file), self.ticks.columns, self.ticks.unit, self.ticks.offset
             )
+        if isinstance(opened, Recording):
+            opened.shift_right(self.right_late)
         suggested = opened.fitting if isinstance(opened, ScanLog) else None
         given: dict[str, Any] = {}
         if self.settings is None:
@@ -128,7 +133,10 @@ class MapRequest(msgspec.Struct, frozen=True):
             )
         if isinstance(opened, ScanLog):
             return log_job(opened, settings, self.seed, begin), settings
-        job = recording_job(opened, rig, self.motion, settings, self.seed, threads, begin)
+        origin = self.origin(Path("run"), opened)
+        job = recording_job(
+            opened, rig, self.motion, settings, self.seed, threads, begin, origin, self.unchecked
+        )
         return replace(job, chosen=chosen), settings
 
     def arguments(self) -> list[str]:
@@ -143,9 +151,12 @@ class MapRequest(msgspec.Struct, frozen=True):
             x, y, theta = self.begin.pose or (0.0, 0.0, 0.0)
             pose = f"{x:g},{y:g},{math.degrees(theta):g}"
             given |= {"--continue": self.begin.map, "--pose": pose if self.begin.pose else None}
+        given["--right-late"] = self.right_late or None
         for option, value in given.items():
             if value is not None:
                 words += [option, str(value)]
+        if self.unchecked:
+            words.append("--unchecked")
         return words
 
     def origin(self, output: Path, opened: Recording | ScanLog) -> Origin:
@@ -213,8 +224,9 @@ class MapRequest(msgspec.Struct, frozen=True):
 
         if is_video(path):
             return
-        given = {"--rig": self.rig, "--motion": self.motion, "--fps": self.fps}
-        for option, value in {**given, "--ticks": self.ticks}.items():
+        given: dict[str, Any] = {"--rig": self.rig, "--motion": self.motion, "--fps": self.fps}
+        given |= {"--ticks": self.ticks, "--right-late": self.right_late or None}
+        for option, value in given.items():
             if value is not None:
                 raise InputError(
                     f"{path}: is a scan log, which holds its own odometry and needs no {option}: "

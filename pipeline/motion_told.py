@@ -9,6 +9,7 @@ from dataclasses import replace
 from pipeline.fused_motion import FusedMotion, Slip
 from pipeline.health.finding import Finding, Grade
 from pipeline.health.odometry_findings import odometry_findings
+from pipeline.health.wheel_findings import wheel_fault_finding
 from pipeline.seeing import AnyMotion
 from pipeline.visual_motion import BRIDGED, GUESSED, Loss, VisualMotion
 
@@ -115,6 +116,9 @@ def _wheels_failed(motion: FusedMotion, begin: int) -> list[Finding]:
     """Steps of a fused run in which the wheels could not be used."""
     counts = motion.counts
     steps, wrong = sum(counts[name] for name in STEPS), counts["wheels_wrong"]
+    bridged = counts["wheels_alone"] + counts["images_doubted"]
+    if (fault := motion.wheel_fault()) is not None and motion.encoders is not None:
+        return [wheel_fault_finding(fault, motion.encoders, bridged, steps)]
     findings = []
     if silent := counts["images_alone"]:
         findings.append(
@@ -126,7 +130,6 @@ def _wheels_failed(motion: FusedMotion, begin: int) -> list[Finding]:
     if wrong <= MIN_WRONG or wrong <= MANY * (wrong + counts["fused"]):
         return [*findings, *_slips(motion.slips, begin), *_systematic(motion)]
     text = f"wheels disagreed with the images in {wrong} of {steps} steps"
-    bridged = counts["wheels_alone"] + counts["images_doubted"]
     findings.append(
         Finding(
             f"{text}: {IMAGES}",

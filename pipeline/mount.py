@@ -70,7 +70,7 @@ def estimate_mount(
         StereoError: the rig does not fit the images; OdometryError: wrong wheels.
     """
     before = rig.mount or Mount()
-    floor, pairs = _look_at_floor(recording, rig, frames, progress)
+    floor, pairs = look_at_floor(recording, rig, frames, progress)
     mount = replace(before, height=floor.height, pitch=floor.pitch, roll=floor.roll)
     sigma: dict[str, float] = dict(zip(FROM_FLOOR, floor.sigma, strict=True))
     hand_eye, notes = _look_at_motion(recording, rig, mount, progress)
@@ -81,14 +81,16 @@ def estimate_mount(
     return MountEstimate(mount, sigma, floor, pairs, hand_eye, notes)
 
 
-def _look_at_floor(
+def look_at_floor(
     recording: Recording, rig: StereoRig, frames: int, progress: Progress
 ) -> tuple[FloorMount, int]:
-    """The floor's mount and the number of pairs that were read."""
+    """Height, pitch and roll by the floor, and the number of pairs read, of at most `frames`.
+
+    Raises as `estimate_mount`.
+    """
     small, scale = reduced(rig)
     # Rectified as if level: the camera's own tilt is what is sought.
     rectify = whole_rectifier(small)
-    camera = rectify.camera
     match = floor_matcher(rectify)
 
     def frame(files: RecordedPair) -> FloorFrame | ValueError:
@@ -115,9 +117,7 @@ def _look_at_floor(
         raise unfit
     if not found:
         raise InputError(f"{recording.path}: none of {len(files)} pairs can be read")
-    level = Mount().rotation
-    view = RectifiedView(camera.f, camera.cx, camera.cy, camera.baseline, level.T @ camera.rotation)
-    return mount_from_floor(found, view), len(found)
+    return mount_from_floor(found, level_view(rectify)), len(found)
 
 
 def _look_at_motion(
@@ -164,15 +164,24 @@ def _placed(mount: Mount, found: HandEye) -> tuple[Mount, dict[str, float], list
     return mount, sigma, notes
 
 
+def level_view(rectify: Rectifier) -> RectifiedView:
+    """The geometry of images rectified as if the raw camera were level."""
+    camera = rectify.camera
+    raw_from_rectified = Mount().rotation.T @ camera.rotation
+    return RectifiedView(camera.f, camera.cx, camera.cy, camera.baseline, raw_from_rectified)
+
+
 def floor_matcher(rectify: Rectifier) -> DisparityMatcher:
     disparities = 16 * math.ceil(REACH * rectify.camera.width / 16)
     return DisparityMatcher(rectify.camera, StereoSettings(disparities=disparities, block=BLOCK))
 
 
-def reduced(rig: StereoRig) -> tuple[StereoRig, Callable[[np.ndarray], np.ndarray]]:
-    """The rig for images of at most `WIDEST` columns, and what makes them of its own images."""
+def reduced(
+    rig: StereoRig, widest: int = WIDEST
+) -> tuple[StereoRig, Callable[[np.ndarray], np.ndarray]]:
+    """The rig for images of at most so many columns, and what makes them of its own images."""
     width, height = rig.image_size
-    k = math.ceil(width / WIDEST)
+    k = math.ceil(width / widest)
     if k == 1:
         return rig, lambda image: image
     size = (width // k, height // k)

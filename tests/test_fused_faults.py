@@ -111,10 +111,17 @@ def garbage(stamps, left, right):
 DISAGREED, SILENT = "wheels disagreed with the images in", "the wheels reported nothing in"
 WHEELS: dict[str, tuple[Counts, str]] = {
     "left wheel 3 % too large": (lambda t, a, b: (t, 1.03 * a, b), ""),
-    "both twice too large": (lambda t, a, b: (t, 2.0 * a, 2.0 * b), DISAGREED),
-    "both reversed": (lambda t, a, b: (t, -a, -b), DISAGREED),
-    "left reversed": (lambda t, a, b: (t, -a, b), DISAGREED),
-    "exchanged": (lambda t, a, b: (t, b, a), DISAGREED),
+    "both twice too large": (lambda t, a, b: (t, 2.0 * a, 2.0 * b), "the wheels count 2 times"),
+    "a quarter": (lambda t, a, b: (t, a / 4.0, b / 4.0), "the wheels count 4 times too little"),
+    "ten times": (lambda t, a, b: (t, 10.0 * a, 10.0 * b), "the wheels count 10 times too much"),
+    "both reversed": (lambda t, a, b: (t, -a, -b), "both wheels count backwards"),
+    "left reversed": (lambda t, a, b: (t, -a, b), "the left wheel is reversed"),
+    "right reversed": (lambda t, a, b: (t, a, -b), "the right wheel is reversed"),
+    "exchanged": (lambda t, a, b: (t, b, a), "left and right wheel are exchanged, as"),
+    "increments": (
+        lambda t, a, b: (t, np.diff(a, prepend=a[0]), np.diff(b, prepend=b[0])),
+        "the counts are those since the line before",
+    ),
     "right unplugged": (lambda t, a, b: (t, a, 0 * b), DISAGREED),
     "stuck in the middle": (frozen(0.3, 0.7), DISAGREED),
     "garbage": (garbage, DISAGREED),

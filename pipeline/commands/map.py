@@ -70,6 +70,18 @@ if TYPE_CHECKING:
 @click.option(
     "--ticks-offset", default=0.0, help="seconds to add to its time: the images' clock counts"
 )
+@click.option(
+    "--right-late",
+    default=0,
+    metavar="FRAMES",
+    help="pair left image n with right image n + FRAMES: the right camera was so many frames late",
+)
+@click.option(
+    "--unchecked",
+    is_flag=True,
+    help="map even if a first look shows that images, rig and mount do not fit each other; "
+    "nothing is corrected",
+)
 @click.option("--threads", type=click.IntRange(min=1), help="default: all cores")
 @click.option("--force", is_flag=True, help="replace an existing result folder")
 @click.option("--quiet", is_flag=True, help="no progress, no summary")
@@ -90,6 +102,8 @@ def map_command(
     ticks_columns: str,
     ticks_unit: str | None,
     ticks_offset: float,
+    right_late: int,
+    unchecked: bool,
     threads: int | None,
     force: bool,
     quiet: bool,
@@ -126,7 +140,9 @@ def map_command(
     table = Ticks(str(ticks), ticks_columns, ticks_unit, ticks_offset) if ticks else None
     begin = parse_begin(known_map, pose)
     rig_name = str(rig) if rig else None
-    request = MapRequest(str(recording), rig_name, motion, fps, seed, table, begin)
+    request = MapRequest(
+        str(recording), rig_name, motion, fps, seed, table, begin, right_late, unchecked
+    )
     with locked(output):
         job, settings = request.prepare(settings_file, overrides, threads)
         asked = request.complete(settings, job.chosen)

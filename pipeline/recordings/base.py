@@ -141,6 +141,43 @@ class HalvedPair:
         return StereoPair(self.stamp, *halves(read_image(self.file)))
 
 
+@dataclass(frozen=True)
+class ShiftedPair:
+    """The left image of one pair with the right image of another."""
+
+    first: RecordedPair
+    second: RecordedPair
+
+    @property
+    def stamp(self) -> int:
+        """Of the left image [ns]."""
+        return self.first.stamp
+
+    @property
+    def name(self) -> str:
+        """The left image's."""
+        return self.first.name
+
+    def where(self, right: bool) -> str:
+        """As of the pair that the image comes from."""
+        return (self.second if right else self.first).where(right)
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """None: every file holds a part of another pair, too."""
+        return ()
+
+    def load_left(self) -> np.ndarray:
+        """The left image."""
+        return self.first.load_left()
+
+    def load(self) -> StereoPair:
+        """Both images. Raises DamagedFrameError."""
+        from stereo.pair import StereoPair
+
+        return StereoPair(self.stamp, self.load_left(), self.second.load().right)
+
+
 @dataclass
 class Recording:
     """A recording opened: lists and small tables, no images.
@@ -162,6 +199,23 @@ class Recording:
     poses_source: str = ""
     cell: float | None = None
     skipped: dict[str, list[str]] = field(default_factory=dict)
+
+    def shift_right(self, frames: int) -> None:
+        """Pair every left image with the right image so many pairs later.
+
+        Raises:
+            InputError: no pair would be left.
+        """
+        if frames == 0:
+            return
+        first, count = max(0, -frames), len(self.pairs) - abs(frames)
+        if count < 1:
+            raise InputError(
+                f"--right-late {frames}: {self.path} holds only {len(self.pairs)} pairs"
+            )
+        self.pairs = [
+            ShiftedPair(self.pairs[n], self.pairs[n + frames]) for n in range(first, first + count)
+        ]
 
     def skip(self, reason: str, names: Iterable[str]) -> None:
         """Count and name what was passed over."""
