@@ -49,7 +49,7 @@ class OdometryErrors:
     """What odometry does wrong throughout, (3,) each with its standard error.
 
     distance and rotation: what it makes of one, less one (+0.02 = 2 % too much); drift: turn to
-    the left that it reports without there being one [rad per metre].
+    the left that it reports without there being one [rad per metre driven forward].
     """
 
     value: np.ndarray
@@ -94,7 +94,8 @@ class OdometryWitness:
         if found is loose:  # too few hits
             return
         posterior = np.linalg.inv(found.covariance)
-        J = np.array([[x, 0.0, 0.0], [y, 0.0, 0.0], [0.0, turn, travel]])
+        # A wheel's radius turns the robot the other way when it drives backwards.
+        J = np.array([[x, 0.0, 0.0], [y, 0.0, 0.0], [0.0, turn, math.copysign(travel, x)]])
         # R^-1 is what the match added to odometry's information; R^-1 (u - z) needs no inverse.
         self._normal[-1] += J.T @ (posterior - np.diag(1.0 / doubt)) @ J
         self._right[-1] += J.T @ posterior @ (told.increment - found.increment)

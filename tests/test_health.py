@@ -61,12 +61,23 @@ def test_a_starved_filter_is_told_what_it_needs():
     assert found.grade == Grade.DOUBTFUL
 
 
+@pytest.mark.parametrize("judged", [1, 2])
+def test_nothing_judged_on_a_step_or_two_is_good(judged):
+    seen = [step(matched=0.9)] * judged + [step(matched=0.0, judged=0)] * (8 - judged)
+    assert matching_finding(figures(seen)).grade == Grade.DOUBTFUL
+
+
+def test_a_map_of_which_less_than_half_is_seen_again_is_not_good():
+    assert matching_finding(figures([step(matched=0.09)])).grade != Grade.GOOD
+    assert matching_finding(figures([step(matched=0.49)] * 3)).grade != Grade.GOOD
+
+
 def test_matching_is_judged_where_enough_was_in_view():
     found = matching_finding(
-        figures([step(matched=0.9), step(matched=0.7), step(matched=0.0, judged=0)])
+        figures([step(matched=m) for m in (0.9, 0.8, 0.7)] + [step(matched=0.0, judged=0)])
     )
     assert found.line == (
-        "2 of 3 steps saw enough of the map to be judged; they matched 80% of its obstacles in "
+        "3 of 4 steps saw enough of the map to be judged; they matched 80% of its obstacles in "
         "view: good"
     )
     unchecked = matching_finding(figures([step(matched=0.0, judged=0)] * 3))

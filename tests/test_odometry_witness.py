@@ -52,7 +52,7 @@ def witnessed(poses, scans, spoilt, seed=1) -> OdometryErrors | None:
     witness.move(Motion.none(0))
     witness.observe(scans[0])
     for step, scan in zip(steps, scans[1:], strict=True):
-        travel = math.hypot(*step[:2])
+        travel = math.copysign(math.hypot(*step[:2]), step[0])
         told = step * (1.0 + distance, 1.0 + distance, 1.0 + rotation) + (0.0, 0.0, drift * travel)
         told += rng.normal(0.0, 1.0, 3) * (0.01 * travel, 0.003 * travel, math.radians(0.2))
         witness.move(Motion(told))
@@ -68,6 +68,17 @@ def test_errors_of_odometry_are_recovered_within_their_uncertainty(drive, spoilt
     assert (np.abs(errors.value - spoilt) < 2.0 * errors.error).all()
     assert (errors.error < (0.008, 0.008, math.radians(0.3))).all()
     assert errors.significant.tolist() == [value != 0.0 for value in spoilt]
+
+
+def test_a_wheel_too_large_turns_the_other_way_in_reverse(drive):
+    poses, scans = drive
+    half = len(poses) // 2
+    there_and_back = [*range(half), *range(half - 2, -1, -1)]
+    drift = math.radians(3.0)
+    errors = witnessed(poses[there_and_back], [scans[k] for k in there_and_back], (0, 0, drift))
+    assert errors is not None
+    assert abs(errors.value[2] - drift) < 3.0 * errors.error[2]
+    assert errors.significant[2]
 
 
 def test_good_odometry_is_not_blamed(drive):

@@ -21,8 +21,8 @@ OFTEN = 0.25
 # less than 40 %, the path was half a metre off and more, or a wrong rig had blurred the map.
 HALF, TORN = 0.5, 0.4
 SELDOM, OFTEN_TORN = 0.02, 0.15
-# With fewer steps judged than this share nearly all of the path is unchecked.
-FEW_JUDGED = 0.1
+# With fewer steps judged than this share, or with one or two, nearly all of the path is unchecked.
+FEW_JUDGED, MIN_JUDGED = 0.1, 3
 UNCHECKED = (
     "the path is odometry's own: let the robot look at places again, or lower mapping.min_overlap"
 )
@@ -107,8 +107,8 @@ def matching_finding(figures: FilterFigures) -> Finding:
             short="no place was seen twice, so that nothing checks the path",
         )
     text = f"{judged}; they matched {figures.matched:.0%} of its obstacles in view"
-    few = figures.judged < FEW_JUDGED * figures.steps
-    if figures.poor <= max(1, SELDOM * figures.judged):
+    few = figures.judged < max(MIN_JUDGED, FEW_JUDGED * figures.steps)
+    if figures.matched >= HALF and figures.poor <= max(1, SELDOM * figures.judged):
         matched = f"what was seen again matched the map by {figures.matched:.0%}"
         return Finding(
             text,
