@@ -62,7 +62,7 @@ FLOOR_SAMPLES, FLOOR_WIDTH, FLOOR_POINTS = 10, 400, 4000  # pairs, px, dispariti
 FLOOR_PAIRS = 40  # of a thorough look, as `beemap calibrate mount` takes
 # Rough ground tilts a robot for some seconds: a shorter recording says nothing of the mount [ns].
 MIN_DURATION = 10_000_000_000
-CALIBRATE_MOUNT = "beemap calibrate mount {recording}{rig_option} -o mounted.yaml"
+CALIBRATE_MOUNT = "beemap calibrate mount {recording}{rate_option}{rig_option} -o mounted.yaml"
 
 
 @dataclass(frozen=True)

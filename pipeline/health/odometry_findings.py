@@ -81,7 +81,8 @@ def _distance(errors: OdometryErrors) -> Finding:
             "cameras; floor taken for obstacles moves along with the robot",
             grade=Grade.DOUBTFUL,
             short=text,
-            command="beemap calibrate mount {recording}{rig_option} -o {new_rig} --force",
+            command="beemap calibrate mount {recording}{rate_option}{rig_option} -o {new_rig} "
+            "--force",
         )
     far = abs(value) > FAR_OFF[0]
     return Finding(

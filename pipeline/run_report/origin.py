@@ -30,18 +30,19 @@ class Origin:
         return Origin(output, Path("RECORDING"), ["RECORDING"])
 
     def fill(self, command: str) -> str:
-        """A command with the names in braces replaced: {recording}, with its frame rate if one
-        was given, {output}, {rig}: a rig file or what holds one, {rig_option}: with a blank before
+        """A command with the names in braces replaced: {recording}, {rate_option}: its frame rate,
+        with a blank before it, if one was given, {output}, {rig}: a rig file or what holds one, {rig_option}: with a blank before
         it, {new_rig}: a rig file to be written, {map}: this run again into another folder."""
         again = [
             *self.arguments, "--settings", str(self.output / "settings.yaml"),
             "-o", f"{self.output}-again",
         ]  # fmt: skip
         rig = "" if self.rig is None else " " + shlex.join(["--rig", str(self.rig)])
-        rate = self.arguments.index("--fps") if "--fps" in self.arguments else len(self.arguments)
-        recording = [str(self.recording), *self.arguments[rate : rate + 2]]
+        at = self.arguments.index("--fps") if "--fps" in self.arguments else len(self.arguments)
+        rate = "".join(f" {word}" for word in self.arguments[at : at + 2])
         return command.format(
-            recording=shlex.join(recording),
+            recording=shlex.quote(str(self.recording)),
+            rate_option=rate,
             output=shlex.quote(str(self.output)),
             rig=shlex.quote(str(self.rig or self.recording)),
             rig_option=rig,
