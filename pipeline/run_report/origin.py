@@ -31,8 +31,9 @@ class Origin:
 
     def fill(self, command: str) -> str:
         """A command with the names in braces replaced: {recording}, {rate_option}: its frame rate,
-        with a blank before it, if one was given, {output}, {rig}: a rig file or what holds one, {rig_option}: with a blank before
-        it, {new_rig}: a rig file to be written, {map}: this run again into another folder."""
+        with a blank before it, if one was given, {output}, {rig}: a rig file or what holds one,
+        {rig_option}: with a blank before it, {new_rig}: a rig file to be written, {map}: this run
+        again into another folder."""
         again = [
             *self.arguments, "--settings", str(self.output / "settings.yaml"),
             "-o", f"{self.output}-again",
